@@ -23,11 +23,9 @@ from typing import NamedTuple
 
 from ..node import NEVER_NS, NS_PER_MS, NS_PER_S
 from ..node.statistics import DurationStatistics, DurationSummary
-from .broker_connection import Connection, ConnectionLostError
+from .broker_connection import Cause, Connection, ConnectionLostError
 from .channel import UNDISTURBED, Channel, ChannelConditions
-from .journal import Cause, Journal
 from .protocol import Answer, Hello, ProtocolError
-from .wall_clock import WallClock
 
 CHANNELS_MAX = 64
 CLIENTS_MAX = 200
@@ -58,12 +56,14 @@ class Broker:
 
     ``bitrate_bit_s``       of every channel [bit/s]
     ``data_bitrate_bit_s``  of the data phase of CAN FD frames [bit/s]; None for classic CAN only
-    ``journal``             reports who comes and goes
+    ``print_line``          prints one line, or drops it: the broker does not wait for its reader
+    ``is_verbose``          whether to print orderly joins and ends too
     ``clock_ns``            monotonic clock [ns]
     ``conditions``          rest bus and errors on every channel
 
     ``clients``             who is connected
     ``channels``            all so far, by name
+    ``disconnections``      how many clients have left, by cause
     """
 
     def __init__(
@@ -71,18 +71,21 @@ class Broker:
         listener: socket.socket,
         bitrate_bit_s: int,
         data_bitrate_bit_s: int | None,
-        journal: Journal,
+        print_line: Callable[[str], object],
         clock_ns: Callable[[], int] = time.monotonic_ns,
         conditions: ChannelConditions = UNDISTURBED,
+        is_verbose: bool = False,
     ) -> None:
         listener.setblocking(False)
         self._listener = listener
         self._bitrate_bit_s = bitrate_bit_s
         self._data_bitrate_bit_s = data_bitrate_bit_s
-        self._journal = journal
+        self._print_line, self._is_verbose = print_line, is_verbose
+        self.disconnections = dict.fromkeys(map(str, Cause), 0)
         self._clock_ns = clock_ns
         self._conditions = conditions
-        self._wall_clock = WallClock()
+        # Time stamps count from here: a second on the bus stays a second, whatever sets the clock.
+        self._to_wall_clock_ns = time.time_ns() - time.monotonic_ns()
         self.clients: set[Connection] = set()
         self._readers: set[Connection] = set()
         self._writers: set[Connection] = set()
@@ -141,12 +144,11 @@ class Broker:
 
     def _deliver(self, channel: Channel, now_ns: int) -> None:
         """Send out the frames that are complete, and let their senders submit more."""
-        self._wall_clock.update()
         completed = channel.advance(now_ns)
         if completed:
             self._lateness.record(now_ns - completed[0].end_ns)
         for delivery in completed:
-            channel.queue(delivery, self._wall_clock.at(delivery.end_ns))
+            channel.queue(delivery, delivery.end_ns + self._to_wall_clock_ns)
         for member in tuple(channel.members.values()):
             if member.has_outgoing:
                 self._flush(member)
@@ -205,7 +207,8 @@ class Broker:
             rates = self._bitrate_bit_s, self._data_bitrate_bit_s
             self.channels[hello.channel] = Channel(*rates, conditions, now_ns)
         self.channels[hello.channel].join(client)
-        self._journal.join(str(client))
+        if self._is_verbose:
+            self._print_line(f"{client} joins")
         client.queue(self._answer("").pack())
         self._flush(client)
 
@@ -269,7 +272,9 @@ class Broker:
         """Forget a client; what it has submitted still goes out."""
         if client not in self.clients:
             return
-        self._journal.leave(str(client), cause, detail)
+        self.disconnections[cause] += 1
+        if cause is not Cause.LEFT or self._is_verbose:
+            self._print_line(f"{client} leaves: {detail or 'it has closed the connection'}")
         for clients in (self.clients, self._readers, self._writers):
             clients.discard(client)
         if client.hello is not None and client.hello.channel in self.channels:

@@ -3,9 +3,9 @@
 import socket
 import struct
 import sys
+from enum import StrEnum
 
 from ..frame import EXTENDED, FD, Frame
-from .journal import Cause
 from .protocol import (
     FILTERS_MAX,
     HELLO,
@@ -32,6 +32,21 @@ READ_BYTES = 1 << 12
 """Small, because what is read but not submitted yet already counts as sent for the client."""
 _PEER = struct.Struct("3i")
 """struct ucred of unix(7): process, user, group."""
+
+
+class Cause(StrEnum):
+    """Why a client has left."""
+
+    LEFT = "left"
+    """An orderly end; printed only on request."""
+    LOST = "lost"
+    """Its connection broke, or ended in the middle of a record."""
+    REFUSED = "refused"
+    """It required another bus, or there were too many clients."""
+    GARBAGE = "garbage"
+    """It violated the protocol, or sent a frame that no CAN controller can send."""
+    NOT_READING = "not_reading"
+    """Too much data waited for it."""
 
 
 class ConnectionLostError(Exception):

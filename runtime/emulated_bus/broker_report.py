@@ -5,10 +5,9 @@ from typing import Any
 from ..node import NS_PER_S
 from ..node.statistics import durations_report
 from .broker import Broker
-from .journal import Journal
 
 
-def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[str, Any]:
+def broker_report(broker: Broker, duration_ns: int) -> dict[str, Any]:
     """Return the figures of a broker that has run for ``duration_ns``.
 
     ``lateness``      how long after an end of frame the broker came to deliver it
@@ -35,7 +34,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
             }
             for name, channel in sorted(broker.channels.items())
         },
-        "clients": {**broker.figures._asdict(), "disconnected": dict(journal.disconnections)},
+        "clients": {**broker.figures._asdict(), "disconnected": dict(broker.disconnections)},
     }
 
 

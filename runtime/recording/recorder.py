@@ -14,17 +14,15 @@ difference at the start, so that setting the clock leaves no gap in a recording.
 
 import json
 import os
-import queue
 import struct
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from ..frame import ERROR, FD, REMOTE, Frame
 from ..node.real_time_loop import Port, Received
@@ -40,7 +38,6 @@ RECORD = struct.Struct("<qIB?Bx")
 _PIPE_BYTES = 1 << 20
 """The largest pipe for an ordinary user: over 20 000 frames, 40 s of the loop at 100 Hz."""
 _ENDED = "the recorder was ended before it could finish the file"
-_QUEUED_MAX = 20_000
 
 
 class RecordingFigures(NamedTuple):
@@ -66,6 +63,8 @@ class RecordingError(OSError):
 
 def recording_obstacle(path: Path) -> str:
     """Why nothing can be recorded into a file of this name; empty when it can."""
+    if sys.platform == "win32":
+        return "nothing is recorded on Windows: its pipes wait, and so would the control loop"
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         return f"{path}: records as {', '.join(SUFFIXES)} only, by the end of the name"
@@ -127,7 +126,13 @@ class Recording:
             failure = _summary(first).get("failure") or "the recorder does not start"
             raise RecordingError(f"{path}: {failure}")
         self._pipe, self._answer = pipe, answer
-        self._offer, self._flush = _offering(pipe)
+        self._has_ended = False
+        if sys.platform == "linux":
+            import fcntl  # only Unix has it
+
+            with suppress(OSError):  # over the limit of all pipes, it keeps the ordinary 64 KiB
+                fcntl.fcntl(pipe.fileno(), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        os.set_blocking(pipe.fileno(), False)
 
     def record(self, frame: Frame, time_ns: int, *, is_received: bool) -> None:
         """Hand over one frame, in a few microseconds and without waiting.
@@ -136,17 +141,21 @@ class Recording:
         """
         can_id, data, flags = frame
         head = RECORD.pack(time_ns + self._offset_ns, can_id, flags, is_received, len(data))
-        had_room = False
-        try:
-            had_room = self._offer(head + data)
-        except BrokenPipeError:
-            self._end_early()
         self._offered += 1
-        self._dropped += not had_room
+        self._dropped += self._has_ended
+        if self._has_ended:
+            return
+        try:
+            # At most PIPE_BUF bytes are written as a whole or not at all.
+            os.write(self._pipe.fileno(), head + data)
+        except BlockingIOError:  # the pipe is full
+            self._dropped += 1
+        except BrokenPipeError:
+            self._dropped += 1
+            self._end_early()
 
     def close(self) -> RecordingFigures:
         """Let the recorder finish the file."""
-        self._flush()
         with suppress(OSError):  # it has ended already, and reports why
             self._pipe.close()
         with self._answer:
@@ -160,7 +169,7 @@ class Recording:
 
     def _end_early(self) -> None:
         """Report why the recorder has ended, and offer it nothing more."""
-        self._offer = lambda _record: False
+        self._has_ended = True
         self._rest = self._answer.read()  # it has ended, so this does not wait
         self._on_end(_summary(self._rest).get("failure") or _ENDED)
 
@@ -191,62 +200,6 @@ class RecordingPort:
         if had_room:
             self._recording.record(frame, time_ns, is_received=False)
         return had_room
-
-
-def _offering(pipe: IO[bytes]) -> tuple[Callable[[bytes], bool], Callable[[], None]]:
-    """Return what offers a record to the pipe without waiting, and what ends that.
-
-    The first raises BrokenPipeError when the recorder has ended.
-    """
-    descriptor = pipe.fileno()
-    if sys.platform == "win32":
-        return _offering_by_thread(descriptor)  # its pipes always wait
-    if sys.platform == "linux":
-        import fcntl  # only Unix has it
-
-        with suppress(OSError):  # a user over the limit of all pipes keeps the ordinary 64 KiB
-            fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
-    os.set_blocking(descriptor, False)
-
-    def offer(record: bytes) -> bool:
-        try:
-            # At most PIPE_BUF bytes are written as a whole or not at all.
-            os.write(descriptor, record)
-        except BlockingIOError:  # full
-            return False
-        return True
-
-    return offer, lambda: None
-
-
-def _offering_by_thread(descriptor: int) -> tuple[Callable[[bytes], bool], Callable[[], None]]:
-    """Like ``_offering`` where a pipe cannot be written without waiting: a thread waits."""
-    records: queue.Queue[bytes | None] = queue.Queue(_QUEUED_MAX)
-
-    def pump() -> None:
-        with suppress(OSError):
-            while (record := records.get()) is not None:
-                while record:
-                    record = record[os.write(descriptor, record) :]
-
-    def offer(record: bytes) -> bool:
-        if not thread.is_alive():
-            raise BrokenPipeError
-        try:
-            records.put_nowait(record)
-        except queue.Full:
-            return False
-        return True
-
-    def end() -> None:
-        if thread.is_alive():
-            with suppress(queue.Full):
-                records.put(None, timeout=STOP_TIMEOUT_S)
-            thread.join(STOP_TIMEOUT_S)
-
-    thread = threading.Thread(target=pump, daemon=True)
-    thread.start()
-    return offer, end
 
 
 def _ends(recorder: subprocess.Popen[bytes]) -> bool:

@@ -29,8 +29,7 @@ from .recorder import LEFT_OUT, RECORD
 HELD_NS = 100_000_000
 """Longer than frames wait in a program that is on time."""
 IDLE_S = 0.2
-"""Held records are written when nothing has come for this long. On Windows, where select takes no
-pipes, they are held until the next frame."""
+"""Held records are written when nothing has come for this long."""
 _READ_BYTES = 1 << 16
 
 
@@ -106,7 +105,7 @@ def _records(source: int) -> Iterator[list[_Record]]:
     """Yield the complete records of each read until the pipe ends; an empty list for a pause."""
     rest, number = b"", 0
     while True:
-        if not _comes(source):
+        if not select.select([source], (), (), IDLE_S)[0]:
             yield []
             continue
         part = os.read(source, _READ_BYTES)
@@ -125,13 +124,6 @@ def _records(source: int) -> Iterator[list[_Record]]:
         rest = rest[place:]
         if records:
             yield records
-
-
-def _comes(source: int) -> bool:
-    """Wait for data or the end of the pipe; returns whether it came within IDLE_S."""
-    if sys.platform == "win32":
-        return True  # select takes no pipes there, so the read blocks
-    return bool(select.select([source], (), (), IDLE_S)[0])
 
 
 if __name__ == "__main__":

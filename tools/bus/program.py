@@ -34,7 +34,6 @@ from ...runtime.emulated_bus.address import (
 from ...runtime.emulated_bus.broker import Broker
 from ...runtime.emulated_bus.broker_report import broker_report, summary_line
 from ...runtime.emulated_bus.channel import ChannelConditions
-from ...runtime.emulated_bus.journal import Journal
 from ...runtime.exit_status import ExitStatus, cause_of
 from ...runtime.program.bus_options import (
     add_error_arguments,
@@ -87,8 +86,14 @@ def _serve(
     rates = f"{bitrate_bit_s} bit/s"
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
-    journal = Journal(_print_line, options.verbose)
-    broker = Broker(listener, bitrate_bit_s, options.data_bitrate, journal, conditions=conditions)
+    broker = Broker(
+        listener,
+        bitrate_bit_s,
+        options.data_bitrate,
+        _print_line,
+        conditions=conditions,
+        is_verbose=options.verbose,
+    )
     failure = ""
     with _first_signal() as signalled:
         start_ns = time.monotonic_ns()
@@ -99,7 +104,7 @@ def _serve(
                 broker.run(ends)
         except OSError as error:
             failure = f"the bus at {address} has failed: {cause_of(error)}"
-        report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
+        report = broker_report(broker, time.monotonic_ns() - start_ns)
         _print_line(summary_line(report))
         if options.json is not None:
             # Not at the top: it imports python-can, which the broker does not need.

@@ -13,9 +13,9 @@ from steer_by_wire.runtime.emulated_bus.broker_connection import (
     MASKS_MAX,
     OUTGOING_BYTES_MAX,
     READ_BYTES,
+    Cause,
     Connection,
 )
-from steer_by_wire.runtime.emulated_bus.journal import Cause
 from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     FILTERS_MAX,

@@ -286,7 +286,7 @@ def test_a_client_recovers_from_bus_off(monkeypatch: pytest.MonkeyPatch) -> None
         assert received(other) == [FRAME]
         (channel,) = bench.broker.channels.values()
         assert (errors_of_channel(bench).bus_offs, channel.lost_in_bus_off) == (1, 2)
-        report = broker_report(bench.broker, bench.journal, NS_PER_S)
+        report = broker_report(bench.broker, NS_PER_S)
         assert "1x bus-off" in summary_line(report)
 
 

@@ -6,9 +6,9 @@ import socket
 import pytest
 
 from steer_by_wire.runtime.emulated_bus.broker import ACCEPT_PAUSE_NS
+from steer_by_wire.runtime.emulated_bus.broker_connection import Cause
 from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line
 from steer_by_wire.runtime.emulated_bus.channel import LEFT_FRAMES_MAX
-from steer_by_wire.runtime.emulated_bus.journal import Cause
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.frame import Frame
@@ -115,7 +115,7 @@ def test_each_disconnection_is_one_line_and_is_counted(bench: Bench) -> None:
         "it ends in the middle of a record",
         "refused: it carries classic frames only; start it with --data-bitrate for CAN FD",
     ]
-    report = broker_report(bench.broker, bench.journal, NS_PER_S)
+    report = broker_report(bench.broker, NS_PER_S)
     assert report["clients"]["disconnected"] == {
         "left": 1, "lost": 1, "refused": 1, "garbage": 1, "not_reading": 0
     }  # fmt: skip
@@ -137,7 +137,7 @@ def test_the_report_holds_load_and_lateness(bench: Bench) -> None:
     send(other, Frame(0x100, bytes(8)), Frame(0x300, bytes(8)))
     bench.step()
     bench.advance(4 * CLASSIC_FRAME_NS)
-    report = broker_report(bench.broker, bench.journal, bench.now_ns)
+    report = broker_report(bench.broker, bench.now_ns)
     channel = report["channels"]["can0"]
     assert channel["frames"] == 3
     assert 0.4 < channel["load"] < 1.0

@@ -14,7 +14,6 @@ from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.node.real_time_loop import Received
-from steer_by_wire.runtime.recording import recorder
 from steer_by_wire.runtime.recording.recorder import (
     LEFT_OUT,
     SUFFIXES,
@@ -149,36 +148,6 @@ def test_a_recorder_that_stands_still_costs_frames_and_no_time(tmp_path: Path) -
     assert figures.frames > 1000
     assert figures.frames + figures.dropped == taken
     assert len(messages_in(path)) == figures.frames
-
-
-def test_the_way_of_platforms_whose_pipes_wait_is_bounded_too(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(recorder, "_QUEUED_MAX", 10)
-    read_end, write_end = os.pipe()
-    offer, end = recorder._offering_by_thread(write_end)
-    offered = 0
-    while offer(bytes(4096)):  # the pipe is full at some point, then the queue
-        offered += 1
-    got = 0
-    while got < offered * 4096:
-        got += len(os.read(read_end, 1 << 16))
-    assert offer(b"last")
-    end()
-    os.close(write_end)
-    assert os.read(read_end, 100) == b"last"
-    os.close(read_end)
-
-
-def test_where_pipes_wait_a_recorder_that_has_ended_is_noticed_too() -> None:
-    read_end, write_end = os.pipe()
-    os.close(read_end)
-    offer, end = recorder._offering_by_thread(write_end)
-    assert offer(b"lost")
-    end()
-    os.close(write_end)
-    with pytest.raises(BrokenPipeError):
-        offer(b"after its end")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")

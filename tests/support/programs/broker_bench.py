@@ -10,8 +10,8 @@ import pytest
 
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.broker import Broker
+from steer_by_wire.runtime.emulated_bus.broker_connection import Cause
 from steer_by_wire.runtime.emulated_bus.channel import UNDISTURBED, ChannelConditions
-from steer_by_wire.runtime.emulated_bus.journal import Cause, Journal
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
     CLASSIC_RECORD,
@@ -42,12 +42,11 @@ class Bench:
         listener = stack.enter_context(listening(UnixAddress(self.path)))
         self.now_ns = 0
         self.lines: list[str] = []
-        self.journal = Journal(self.lines.append)
         self.broker = Broker(
             listener,
             BITRATE_BIT_S,
             data_bitrate_bit_s,
-            self.journal,
+            self.lines.append,
             lambda: self.now_ns,
             conditions=conditions,
         )
@@ -86,7 +85,7 @@ class Bench:
             self.step(1)
 
     def gone(self, cause: Cause) -> int:
-        return self.journal.disconnections[cause]
+        return self.broker.disconnections[cause]
 
 
 @pytest.fixture
