@@ -121,7 +121,7 @@ def facts_of(
 
 
 class SafetyReport:
-    """Finds the facts anew where something may have changed, and makes the frames.
+    """Finds the facts again where something may have changed, and makes the frames.
 
     ``table``     what the settings were designed for
     ``received``  what has come

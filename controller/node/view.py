@@ -41,7 +41,7 @@ def controller_view(
     """Return the view.
 
     ``failure``    the fault with which it cannot steer, empty for none
-    ``counts``     what else has happened, beside what was received
+    ``counts``     what else has happened, without what was received
     ``steer_rad``  the command sent last [rad]
     ``facts``      validity of the settings, and what is asked of the vehicle's drive
     ``delay_s``    from command to measurement, by the echo [s]; None while unknown

@@ -15,7 +15,7 @@ from .packing import packing_of
 from .protection import COUNTERS, protect
 
 FILE = "steer_by_wire.dbc"
-"""The contract, beside this file."""
+"""The contract, next to the folder of this file."""
 
 
 class EncodeError(ValueError):

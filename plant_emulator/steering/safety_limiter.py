@@ -1,4 +1,4 @@
-"""Limits of a steering command, whoever sends it; and whether the wheel follows its target.
+"""Limits of a steering command; and whether the wheel follows its target.
 
     a_y = g δ,   g = V²/(L + K V²),   K = m̃/L (l_r/c_f − l_f/c_r)     in a steady turn
 
