@@ -3,7 +3,7 @@
 import json
 import math
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ from ..node.statistics import durations_report
 from ..output_file import write_text
 from ..port.connection import ConnectionFigures
 from ..settings import Settings
-from .priority_and_memory_lock import HostAnswer
 
 
 def run_report(
@@ -55,11 +54,6 @@ def connection_report(figures: ConnectionFigures) -> dict[str, Any]:
     report = figures._asdict()
     outage_ns = report.pop("outage_ns")
     return report | {"outage_s": outage_ns / NS_PER_S}
-
-
-def host_report(answers: Sequence[HostAnswer], steal_fraction: float | None) -> dict[str, Any]:
-    """Return what the host granted, and the share of processor time of other guests."""
-    return {"answers": [answer._asdict() for answer in answers], "steal_fraction": steal_fraction}
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

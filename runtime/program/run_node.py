@@ -26,7 +26,7 @@ from ..settings import Settings
 from ..settings.plugin import PartError
 from .fail_if_conditions import Ending, fail_status
 from .priority_and_memory_lock import RealTimeRequest, StealClock, real_time
-from .report import connection_report, host_report, run_report, summary_lines, write_json
+from .report import connection_report, run_report, summary_lines, write_json
 from .screen import Observer, Screen
 from .stop_request import StopRequest
 
@@ -188,5 +188,8 @@ def _run_in_real_time(
         finally:
             screen.close()
     ended_by = failure or stop.reason or FINISHED
-    host = host_report(answers, steal.fraction())
+    host = {
+        "answers": [answer._asdict() for answer in answers],
+        "steal_fraction": steal.fraction(),
+    }
     return node, _Run(ended_by, failure, status, executor.figures, connection.figures, host)

@@ -1,15 +1,14 @@
-"""Run plant emulator and controller in one process, in virtual time or in real time.
+"""Run plant emulator and controller in one process, in virtual time.
 
     steer-by-wire run --preset practical_pd --out out/run
-    steer-by-wire run plant.toml --controller controller.toml --interface virtual
+    steer-by-wire run plant.toml --controller controller.toml
     steer-by-wire run --controller-command './my_controller --gain 2'
 
-Without ``--interface`` the run is in virtual time: the same settings and seed give the same run, to
-the last bit, on every machine. With ``--controller-command`` another program is the controller, in
-virtual time too; it speaks the lockstep protocol on its standard input and output. With ``--out
-DIR`` it leaves there settings, reports, the plant's trace and every frame, and prints the command
-that makes the run again. The exit status is 5 where a program has failed, 6 where a condition of
---fail-if is met. The last line is the verdict.
+The same settings and seed give the same run, to the last bit, on every machine. With
+``--controller-command`` another program is the controller; it speaks the lockstep protocol on its
+standard input and output. With ``--out DIR`` it leaves there settings, reports, the plant's trace
+and every frame, and prints the command that makes the run again. The exit status is 5 where a
+program has failed, 6 where a condition of --fail-if is met. The last line is the verdict.
 """
 
 import argparse
@@ -64,7 +63,7 @@ from steer_by_wire.tools.run.result import (
     summary,
     verdict,
 )
-from steer_by_wire.tools.run.run_nodes import run_in_real_time, run_in_virtual_time
+from steer_by_wire.tools.run.run_nodes import run_in_virtual_time
 from steer_by_wire.tools.run.side_options import (
     CONTROLLER_SIDE,
     PLANT_SIDE,
@@ -108,15 +107,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     bus = parser.add_mutually_exclusive_group()
     bus.add_argument(
         "--bitrate", type=bit_rate, metavar="BIT/S",
-        help="bit rate of the bus in virtual time (default: 500000)",
+        help="bit rate of the bus (default: 500000)",
     )  # fmt: skip
-    bus.add_argument(
-        "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the bus"
-    )
-    bus.add_argument(
-        "-i", "--interface", choices=("virtual",),
-        help="in real time, on python-can's bus within the process",
-    )  # fmt: skip
+    bus.add_argument("--ideal-wire", action="store_true", help="frames take no time on the bus")
     add_traffic_arguments(parser)
     add_error_arguments(parser, "plant or controller")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
@@ -146,14 +139,11 @@ def _run(options: argparse.Namespace) -> int:
         files.write_settings(plant_settings, ours)
         write_text(files.settings(BUS), dump_toml(bus))
     log = files and files.candump_log
-    if options.interface and ours is not None:
-        run = run_in_real_time(plant_settings, ours, log)
-    else:
-        if ours is not None:
-            language.refuse_law(ours.law_that_reads_the_vehicle)
-        run = run_in_virtual_time(
-            plant_settings, controller, bus, log, is_ideal=options.ideal_wire, language=language
-        )
+    if ours is not None:
+        language.refuse_law(ours.law_that_reads_the_vehicle)
+    run = run_in_virtual_time(
+        plant_settings, controller, bus, log, is_ideal=options.ideal_wire, language=language
+    )
     reports = reports_of(run, plant_settings, controller)
     lines = summary(run, reports)
     if files is not None:
@@ -203,7 +193,6 @@ def _refuse_beside_command(options: argparse.Namespace, words: list[str]) -> Non
         "--preset of the controller": of_side(options.preset, CONTROLLER_SIDE),
         "--set of the controller": of_side(options.overrides, CONTROLLER_SIDE),
         "--law": options.law,
-        "--interface": options.interface,
     }
     if given := [option for option, value in ours.items() if value]:
         raise SettingsError(f"--controller-command takes no {given[0]}: the program is its own")
@@ -217,10 +206,6 @@ def _refuse_beside_command(options: argparse.Namespace, words: list[str]) -> Non
 def _bus_settings(options: argparse.Namespace) -> BusSettings:
     """Return the settings of the bus, refused where this run has none."""
     settings = bus_settings(options)
-    if options.interface and settings != BusSettings():
-        raise SettingsError("python-can's bus takes no --bus-settings, traffic, errors or clocks")
-    if options.interface and options.dialect:
-        raise SettingsError("--dialect: in real time, start plant and controller apart")
     if options.ideal_wire and not settings.is_quiet:
         raise SettingsError("--ideal-wire: other traffic and errors need a bus with a bit rate")
     return settings
@@ -233,12 +218,9 @@ def _command(options: argparse.Namespace, files: PairFiles) -> str:
         command += ["--controller-command", shlex.join(options.controller_command)]
     else:
         command += ["--controller", str(files.settings(CONTROLLER_PROGRAM))]
-    if options.interface:
-        command += ["--interface", options.interface]
-    else:
-        command += ["--ideal-wire"] * options.ideal_wire
-        command += ["--dialect", str(options.dialect)] if options.dialect else []
-        command += ["--bus-settings", str(files.settings(BUS))]
+    command += ["--ideal-wire"] * options.ideal_wire
+    command += ["--dialect", str(options.dialect)] if options.dialect else []
+    command += ["--bus-settings", str(files.settings(BUS))]
     return shlex.join(command)
 
 

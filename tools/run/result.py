@@ -17,7 +17,6 @@ from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import ReportingNode
 from ...runtime.program.fail_if_conditions import of_part
-from ...runtime.program.report import durations_line
 from ...runtime.program.run_node import FINISHED
 from ...runtime.settings import Settings
 
@@ -37,7 +36,6 @@ class Run(NamedTuple):
 
     ``edges``      both nodes as they are on the bus: in a dialect, behind faults
     ``elapsed_s``  how long it took [s]
-    ``loops``      what the loop of each program adds to its report; nothing in virtual time
     ``shared``     the bus, where there was other traffic or noise on it
     """
 
@@ -47,7 +45,6 @@ class Run(NamedTuple):
     bus: str
     elapsed_s: float
     ended_by: str
-    loops: Mapping[str, Mapping[str, Any]]
     shared: SharedBus | None = None
 
 
@@ -73,7 +70,6 @@ def reports_of(
                 else {"command": list(settings)}
             ),
             "node": dict(node),
-            **run.loops.get(program, {}),
         }
         for program, (settings, node) in of_program.items()
     }
@@ -94,9 +90,6 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
     ]
     if run.shared is not None:
         lines += _bus_lines(run.shared)
-    for program in run.loops:
-        lateness = durations_line(reports[program]["loop"]["lateness"])
-        lines.append((program.replace("_", " "), f"lateness {lateness}"))
     for program in PROGRAMS:
         if "dialect" not in reports[program]["node"]:
             continue

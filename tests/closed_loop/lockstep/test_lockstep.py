@@ -255,7 +255,6 @@ def test_a_deadline_must_move_on_but_may_wait_beside_frames() -> None:
     ("arguments", "line"),
     [
         (["--law", "pd"], "--controller-command takes no --law: the program is its own"),
-        (["--interface", "virtual"], "--controller-command takes no --interface"),
         (["--fail-if", "controller_holds > 0"], "--fail-if controller_holds: another program"),
     ],
 )

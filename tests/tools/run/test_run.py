@@ -13,7 +13,7 @@ import can
 import pytest
 
 from steer_by_wire.closed_loop.pair.pair_result import Trace
-from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
+from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.tools.run import __main__ as closed_loop
@@ -79,23 +79,6 @@ def test_the_command_it_prints_makes_the_same_run_again(
         assert (second / file.name).read_bytes() == file.read_bytes()
 
 
-def test_both_nodes_run_in_real_time_on_python_can_s_virtual_bus(tmp_path: Path) -> None:
-    options = ["--interface", "virtual", "--duration", "1", "--out", str(tmp_path), *LATENCY]
-    assert closed_loop.main(options) == 0
-    plant = json.loads((tmp_path / "plant_emulator.json").read_text())
-    controller = json.loads((tmp_path / "controller.json").read_text())
-    assert plant["ended_by"] == "finished"
-    assert plant["node"]["motion_s"] >= 1.0
-    assert controller["node"]["round_trip"]["p50_s"] >= 0.079
-    for report in (plant, controller):
-        assert report["loop"]["lateness"]["samples"] > 0
-        assert report["node"]["rejected"] == {}
-    counts = Counter(frame.can_id for frame in frames_in(tmp_path / "candump.log"))
-    assert {CAN_IDS[kind] for kind in (SteeringCommand, LateralError, ControllerStatus)} <= {
-        *counts
-    }
-
-
 def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
     command = [
         sys.executable,
@@ -155,7 +138,6 @@ def test_log2asc_finds_every_error_frame_of_a_recording(noisy_log: Path) -> None
         (["--rest-bus", "none.dbc"], 2, "rest_bus: none.dbc: No such file"),
         (["--bus-settings", "none.toml"], 2, "none.toml: cannot be read"),
         (["--ideal-wire", "--load", "0.5"], 2, "need a bus with a bit rate"),
-        (["--interface", "virtual", "--clock", "plant=1"], 2, "takes no --bus-settings"),
     ],
 )
 def test_a_mistake_is_one_line_and_a_status(
