@@ -92,7 +92,7 @@ _ACTIVE = 0.02
 _MARGIN_DECAY_1_S = 0.02
 """How fast a loop has to settle to count as stable beyond the range, in the search."""
 _COARSE_DELAYS = 6
-_COARSE_POINTS, _FINE_POINTS = 192, 1500
+_COARSE_POINTS, _FINE_POINTS = 300, 1500
 _UNSTABLE = 100.0
 """Violation of an unstable design, to which the share of unstable loops is added."""
 _NEARLY_MET = 0.5
@@ -203,7 +203,7 @@ def make_study(
             first_tick,
             curve_steer_runs_rad(spec, vehicle) if takes_map else None,
         ),
-        frequency_grid(models, delays_ns, period_ns, points),
+        frequency_grid(models, spec.delays_ns, period_ns, points),
         {name: grid for name, grid in stability.items() if name not in without},
         without,
     )

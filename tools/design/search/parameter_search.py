@@ -25,6 +25,8 @@ _VIOLATION_WEIGHT = 10.0
 """Share of the objective by which a violation of 1 raises it."""
 _SPREAD_NEAR = 0.2 * SPREAD
 """Of an evolution that begins near a known design."""
+_FINE_GENERATIONS = 30
+"""Of the evolution that is judged finely, where the coarse one found what misses a demand."""
 _CONFIRMED_MAX = 60
 """How many of the best are judged finely until one meets all demands."""
 
@@ -132,6 +134,11 @@ def find(
             begins = (near, _SPREAD_NEAR) if near is not None and start == 0 else (None, SPREAD)
             for share in search.evolve(table.seed + start, table.generations, *begins):
                 progress((start + share) / table.starts, search.least)
+        if search.least < _INFEASIBLE and not _first_confirmed(fine, law, search).feasible:
+            (near,) = search.best(1)
+            search = Search(lambda values: cost(judge_law(fine, law, values)), ranges)
+            for _ in search.evolve(table.seed, _FINE_GENERATIONS, near, _SPREAD_NEAR):
+                progress(1.0, search.least)
     except SearchStoppedError:
         ended = False
     return _first_confirmed(fine, law, search)._replace(ended=ended)
