@@ -63,7 +63,7 @@ _LOCATOR = f"{__name__}.{CacheLocator.__name__}"
 def compiled(function: Any) -> Any:
     """Compile a function at its first call, or take it from disk.
 
-    Without a writable folder it is compiled anew in every process. Compiled code keeps the order of
+    Without a writable folder every process compiles it again. Compiled code keeps the order of
     operations: no fast-math, no fused multiply-add.
     """
     return _compiled(function, _OPTIONS)
@@ -89,9 +89,9 @@ def compiled_anew(made: Any) -> Any:
 
     For steps from files whose content is not part of the folder's name. They may make arrays.
     """
-    anew: Any = numba.jit(**{**made.targetoptions, **_COUNTED})(made.py_func)
-    anew.compile = _optimised(anew.compile)
-    return anew
+    again: Any = numba.jit(**{**made.targetoptions, **_COUNTED})(made.py_func)
+    again.compile = _optimised(again.compile)
+    return again
 
 
 def _compiled(function: Any, options: Mapping[str, Any]) -> Any:

@@ -123,7 +123,7 @@ class CompiledRun(NamedTuple):
 
     @property
     def cg_deviation_m(self) -> FloatArray:
-        """Deviation of the centre of gravity from the path; computed anew at each call."""
+        """Deviation of the centre of gravity from the path; computed again at each call."""
         return self.deviation_m(self.motion.preview_distance_m)
 
     def deviation_m(self, behind_m: float, stride: int = 1) -> FloatArray:

@@ -97,7 +97,7 @@ def plan_at(
 def compiled_law(controller: ControllerSettings) -> CompiledLaw:
     """Return the law of the settings, compiled. Raises LawNotCompiledError.
 
-    A law of another package is compiled anew in every process, because it is unknown what its file
+    A law of another package is compiled again in every process, because it is unknown what its file
     depends on.
     """
     return _compiled(controller, controller.law_record)

@@ -91,7 +91,7 @@ class LivePair:
                     self.programs.end(program)
 
     def begin(self, program: str) -> None:
-        """Start one of the two anew after its end."""
+        """Start one of the two again after its end."""
         self.programs.begin(program, *self._started[program])
 
     def wait_until_ready(self) -> None:

@@ -66,7 +66,7 @@ class Trace(NamedTuple):
     """Columns of one run, one row per sensor period; each array has shape (samples,)."""
 
     time_s: FloatArray  # since the start of motion
-    arc_length_m: FloatArray  # of the path, beside the preview point
+    arc_length_m: FloatArray  # of the path, next to the preview point
     lateral_error_m: FloatArray  # true, at the preview point
     heading_error_rad: FloatArray
     cg_deviation_m: FloatArray  # of the centre of gravity from the path
@@ -74,7 +74,7 @@ class Trace(NamedTuple):
     downlink_latency_s: FloatArray  # of the command in effect; NaN before the first
     x_m: FloatArray  # preview point
     y_m: FloatArray
-    path_x_m: FloatArray  # point of the path beside it
+    path_x_m: FloatArray  # point of the path next to it
     path_y_m: FloatArray
 
     @classmethod

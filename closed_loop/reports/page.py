@@ -62,7 +62,7 @@ class Cell(NamedTuple):
 
     ``kind``    "text", "number", "code", or a coloured mark: "good", "fair" or "poor"
     ``folded``  shown only if the reader opens it, below the text
-    ``link``    a file beside the page, or "#" and the key of a section
+    ``link``    a file next to the page, or "#" and the key of a section
     """
 
     text: str
@@ -79,7 +79,7 @@ class Table(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A PNG, its text alternative, and the file beside the page with the data that it draws."""
+    """A PNG, its text alternative, and the file next to the page with the data that it draws."""
 
     png: bytes
     text: str

@@ -55,7 +55,7 @@ NOTHING_SENT = Sent(0, 0.0, 0, 0.0)
 def sent_in(log: Path, listening: Listening) -> Sent:
     """Count what a controller has sent in a rig's log."""
     frames, command_ns, times_ns = 0, list[int](), [0, 0]
-    with suppress(LogError):  # no frame is in the log: nobody has sent anything
+    with suppress(LogError):  # no frame is in the log: none was sent
         for time_ns, _, frame in open_log(log):
             if time_ns is None:
                 continue

@@ -63,7 +63,7 @@ SHORT: Mapping[str, str] = MappingProxyType(
 )
 """Settings that have a name of their own in Python."""
 GAMMA: Mapping[str, str] = MappingProxyType({f"{_DOWNLINK}.model": "gamma"})
-"""What ``jitter_s`` sets beside its key."""
+"""What ``jitter_s`` sets with its key."""
 
 S = TypeVar("S", bound=Settings)
 

@@ -38,7 +38,7 @@ class PlantTable(NamedTuple):
     """
 
     time_s: FloatArray  #: since the start of motion
-    arc_length_m: FloatArray  #: of the path, beside the preview point
+    arc_length_m: FloatArray  #: of the path, next to the preview point
     lateral_error_m: FloatArray  #: at the preview point, without noise, to the left positive
     heading_error_rad: FloatArray
     yaw_rate_rad_s: FloatArray
@@ -46,7 +46,7 @@ class PlantTable(NamedTuple):
     wheel_angle_rad: FloatArray
     downlink_latency_s: FloatArray  #: of the command in effect
     uplink_latency_s: FloatArray  #: of the measurement that left last
-    curvature_1_m: FloatArray  #: of the path, beside the preview point
+    curvature_1_m: FloatArray  #: of the path, next to the preview point
     side_slip_rad: FloatArray
     cg_deviation_m: FloatArray  #: of the centre of gravity from the path, to the left positive
 
@@ -123,7 +123,7 @@ class ControllerTable(NamedTuple):
 
 
 class Track(NamedTuple):
-    """The run seen from above, one row per sensor period: preview point, and path beside it."""
+    """The run seen from above, one row per sensor period: preview point, and path next to it."""
 
     x_m: FloatArray
     y_m: FloatArray

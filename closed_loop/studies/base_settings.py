@@ -85,7 +85,7 @@ def _is_missing(*files: Path | None) -> bool:
 
 
 def _stored(folder: Path) -> Mapping[str, Any]:
-    """Return the content of study.json if the study file lies beside its results: the files that
+    """Return the content of study.json if the study file lies with its results: the files that
     it names have stayed at their old places.
     """
     try:

@@ -12,7 +12,7 @@ from ...runtime.array_types import IntArray
 LATENCY = "plant.latency."
 BINS = 10
 LEVELS_MAX = 40
-"""More levels than fit beside each other go into bins."""
+"""More levels than fit on the axis go into bins."""
 
 
 class Axis(NamedTuple):

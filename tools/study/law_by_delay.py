@@ -236,7 +236,7 @@ def draw_conditions(found: LawByDelay, names: Sequence[str]) -> Figure:
 
 
 def _scale_errors(axes: Axes) -> None:
-    """Let errors grow by factors, with plain numbers beside them, in less than a decade too."""
+    """Let errors grow by factors, with plain numbers next to them, in less than a decade too."""
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(LogFormatter())
     axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False))

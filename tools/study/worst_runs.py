@@ -51,7 +51,7 @@ def worst_runs(study: StudyRecord, rows: Rows) -> list[WorstRun]:
 
 
 def draw_worst(study: StudyRecord, found: list[WorstRun]) -> Figure:
-    """Draw deviations and command of each run, two runs beside each other."""
+    """Draw deviations and command of each run, two runs a row."""
     lines = -(-len(found) // 2)
     figure = Figure(figsize=(13.0, 2.5 * lines + 0.6))
     grid = figure.subfigures(lines, 2, squeeze=False)
@@ -120,7 +120,7 @@ def worst_section(
         "The worst runs",
         (
             "Runs that left the range of the sensor come first, then the largest RMS error; of "
-            "the replicates of one point only the worst. The traces are computed anew from what "
+            "the replicates of one point only the worst. The traces are computed again from what "
             "the rows say. Dashed: the limits of the command.",
         ),
         pictures,
