@@ -1,5 +1,6 @@
 """What runs on the lanes: laws, vehicle, path, seed and network, as a page chooses them."""
 
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
@@ -11,6 +12,9 @@ from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings, controller_preset
 from ...dbc.messages import LatencyModel
 from ...plant_emulator.network.latency_distributions import Distribution
+from ...plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
+from ...plant_emulator.path.path import Path
+from ...plant_emulator.path.settings import PathModel
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.settings import Settings, SettingsError, preset_names, with_values
@@ -31,8 +35,14 @@ PATHS: Mapping[str, Mapping[str, Any] | None] = {
     "single lane change": {"kind": "single_lane_change", "start_m": 20.0},
     "double lane change": {"kind": "double_lane_change", "start_m": 20.0, "length_m": 90.0},
     "straight": {"kind": "straight"},
-    "winding road": {"kind": "own", "model": "steer_by_wire.tools.cockpit.course:WINDING_ROAD"},
+    "winding road": {"kind": "own", "model": "steer_by_wire.tools.cockpit.scenario:WINDING_ROAD"},
 }
+_STRAIGHT_M = 40.0
+_LENGTH_M = 6000.0
+"""Ten minutes at 36 km/h; then it goes straight on."""
+_POINT_M = 5.0
+_WAVES = ((0.010, 110.0), (0.006, 67.0))
+"""Curvature [1/m] and length [m] of the waves that add up to the bends."""
 _PAGE = "the page"
 _ANY_LAW = "practical_pd_ddob"
 
@@ -157,3 +167,22 @@ def _plant_settings(scenario: Scenario) -> PlantSettings:
 def _latency_table(latency: Latency) -> Mapping[str, Any]:
     table = latency.model_dump(mode="json")
     return table if latency.model != "constant" else {**table, "spread_s": 0.0}
+
+
+def winding_road(_own: None) -> Path:
+    """Return the road to drive by hand: a straight, then bends, gentle enough for 40 km/h.
+
+    The bends are sums of sines, of at most 0.016 1/m.
+    """
+    count = round(_LENGTH_M / _POINT_M)
+    bends = [
+        (
+            _STRAIGHT_M + number * _POINT_M,
+            sum(k * math.sin(math.tau * number * _POINT_M / length) for k, length in _WAVES),
+        )
+        for number in range(count)
+    ]
+    return path_of_curvature([*bends, (_STRAIGHT_M + _LENGTH_M, 0.0)])
+
+
+WINDING_ROAD = PathModel(winding_road)
