@@ -84,7 +84,7 @@ def compiled_inline(function: Any) -> Any:
     return _compiled(function, {**_OPTIONS, "inline": "always", **_UNCOUNTED})
 
 
-def compiled_anew(made: Any) -> Any:
+def compiled_for_process(made: Any) -> Any:
     """Compile a result of the above once more, for this process alone.
 
     For steps from files whose content is not part of the folder's name. They may make arrays.

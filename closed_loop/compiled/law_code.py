@@ -14,7 +14,7 @@ from ...controller.laws.law_from_settings import LawDesign, design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
-from .compilation import compiled_anew, compiled_inside
+from .compilation import compiled_for_process, compiled_inside
 from .law_input import NOW_UNKNOWN
 from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, with_tables, write
 from .schedule import empty_rings
@@ -151,7 +151,7 @@ def _variant(function: Any, own: LawStep | None) -> Any:
 
     Kept for the whole process, because the loop has the addresses alone.
     """
-    return function if own is None else compiled_anew(function)
+    return function if own is None else compiled_for_process(function)
 
 
 def _address(function: Any, kinds: tuple[Any, ...], like: Any) -> int:
