@@ -196,19 +196,6 @@ def test_an_output_that_cannot_be_written_is_one_line_and_status_4(
     assert capsys.readouterr().err == f"steer-by-wire demo: error: {folder}: Not a directory\n"
 
 
-def test_an_error_that_names_no_file_says_what_it_is(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It was "error: None: None", and status 2."""
-
-    def fail(*_arguments: object) -> None:
-        raise OSError("cannot write mode RGBA as PNG")
-
-    monkeypatch.setattr(demo, "open_channels", fail)
-    assert demo.main(["--out", str(tmp_path)]) == 4
-    assert capsys.readouterr().err == "steer-by-wire demo: error: cannot write mode RGBA as PNG\n"
-
-
 def test_missing_interfaces_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:
     names = [f"law{index}" for index in range(40)]  # nobody has vcan39
     with (
