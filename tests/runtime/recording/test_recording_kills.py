@@ -99,36 +99,6 @@ def test_a_killed_recorder_leaves_all_in_order(
     assert payloads == [index.to_bytes(8, "big") for index in range(len(payloads))]
 
 
-BOTH_KILLED = """
-import os, signal, sys, time
-from pathlib import Path
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.recording.recorder import Recording
-
-path = Path(sys.argv[1])
-recording = Recording(path, "vcan0")
-start_ns = time.monotonic_ns()
-for index in range(1000):
-    frame = Frame(0x100, index.to_bytes(8, "big"))
-    recording.record(frame, start_ns + index * 10_000_000, is_received=False)
-while path.read_text().count("\\n") < 990:  # all but what is held
-    time.sleep(0.01)
-os.kill(recording.recorder.pid, signal.SIGKILL)
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_both_killed_leave_all_but_the_last_tenth_of_a_second(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "run.log"
-    killed = subprocess.run([sys.executable, "-c", BOTH_KILLED, str(path)], check=False)
-    assert killed.returncode == -signal.SIGKILL
-    payloads = written(path)
-    assert len(payloads) >= 990
-    assert payloads == [index.to_bytes(8, "big") for index in range(len(payloads))]
-
-
 @given(st.lists(st.lists(st.integers(0, 5 * HELD_NS), max_size=5), max_size=10))
 def test_nothing_is_held_but_the_newest_tenth_of_a_second(
     reads: list[list[int]],

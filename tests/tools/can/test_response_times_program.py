@@ -5,14 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.can.__main__ import main
-from steer_by_wire.tools.can.message_set import BusSettings, read_messages, respond
-from tests.support.wire.simulated_responses import critical_response_ns, random_responses_ns
 
 RESPONSE_TIMES = "response-times"
-AT_ONCE_MAX = 1_000_000
 OURS = str(Path(__file__).parents[3] / "dbc" / "steer_by_wire.dbc")
 
 BUSY = """VERSION ""
@@ -33,27 +28,6 @@ BA_DEF_DEF_ "VFrameFormat" "J1939PG";
 BA_ "GenMsgCycleTime" BO_ 2566834711 1000;
 BA_ "GenMsgCycleTime" BO_ 2565865751 5000;
 """
-
-
-@pytest.mark.parametrize("others", ["", BUSY.replace("BO_ 16 ", "BO_ 17 ")])
-def test_the_bus_model_never_exceeds_a_bound(others: str, tmp_path: Path) -> None:
-    further = tmp_path / "others.dbc"
-    further.write_text(others or BUSY)
-    files = [Path(OURS), *([further] if others else [])]
-    periods = ["FAST=5", "SLOW=5"] if "FAST" in others else []
-    settings = BusSettings(125_000, 500_000, 0.0, None)
-    sent, _, _ = read_messages(files, periods, settings)
-    bounds_ns = {one.message.bound.name: one.bound_ns for one in respond(sent, settings)}
-    messages = [one.bound for one in sent]
-    frames = {one.bound.name: one.frame for one in sent}
-    for message in messages:
-        bound_ns = bounds_ns[message.name]
-        assert bound_ns is not None
-        bus = BusModel(125_000, 500_000, AT_ONCE_MAX)
-        assert critical_response_ns(message, messages, frames, bus) <= bound_ns
-    bus = BusModel(125_000, 500_000, AT_ONCE_MAX)
-    seen_ns = random_responses_ns(messages, frames, bus, NS_PER_S, 1)
-    assert all(seen_ns[name] <= (bounds_ns[name] or 0) for name in frames)
 
 
 def test_messages_without_a_cycle_are_named_and_the_load_is_said(
