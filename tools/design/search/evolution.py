@@ -48,9 +48,13 @@ class Search:
     ) -> None:
         self._cost = cost
         self._keys = tuple(ranges)
-        self._low, self._high = np.log(np.array(list(ranges.values()))).T
+        self.search_between(ranges)
         self._digits = digits
         self._costs: dict[tuple[float, ...], float] = {}
+
+    def search_between(self, ranges: Mapping[str, tuple[float, float]]) -> None:
+        """Set the ranges of the evolutions to come, of the same parameters."""
+        self._low, self._high = np.log(np.array(list(ranges.values()))).T
 
     @property
     def judged(self) -> int:

@@ -25,6 +25,8 @@ _VIOLATION_WEIGHT = 10.0
 """Share of the objective by which a violation of 1 raises it."""
 _SPREAD_NEAR = 0.2 * SPREAD
 """Of an evolution that begins near a known design."""
+_FAST_CDOB_RAD_S = 0.1
+"""Below and above this a CDOB has designs of its own; the last start looks above it alone."""
 _FINE_GENERATIONS = 30
 """Of the evolution that is judged finely, where the coarse one found what misses a demand."""
 _CONFIRMED_MAX = 60
@@ -131,6 +133,8 @@ def find(
     search, ended = Search(lambda values: cost(judge_law(coarse, law, values)), ranges), True
     try:
         for start in range(table.starts):
+            if 0 < start == table.starts - 1 and "cdob" in ranges:
+                search.search_between({**ranges, "cdob": (_FAST_CDOB_RAD_S, ranges["cdob"][1])})
             begins = (near, _SPREAD_NEAR) if near is not None and start == 0 else (None, SPREAD)
             for share in search.evolve(table.seed + start, table.generations, *begins):
                 progress((start + share) / table.starts, search.least)
