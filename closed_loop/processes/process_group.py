@@ -139,10 +139,6 @@ class Processes:
             if process.poll() is not None:
                 raise self.failure(name)
 
-    def pids(self) -> dict[str, int]:
-        """Return every process that runs."""
-        return {name: process.pid for name, process in self._processes.items()}
-
     def kill(self, names: Sequence[str]) -> None:
         """Kill some of them with SIGKILL."""
         for name in names:

@@ -133,14 +133,3 @@ def _settling_s(actuator: ActuatorSettings, reach_rad: float) -> float:
     rate_rad_s = actuator.rate_limit_rad_s
     ramp_s = 0.0 if rate_rad_s is None else 2.0 * reach_rad / rate_rad_s
     return ramp_s + _LAGS_TO_SETTLE * actuator.lag_s
-
-
-UNGUARDED = SafetySettings(
-    angle_rad_max=OFF,
-    angle_rate_rad_s_max=OFF,
-    lateral_acceleration_m_s2_max=OFF,
-    lateral_jerk_m_s3_max=OFF,
-    follow_tolerance_rad=OFF,
-    ftti_ms=OFF,
-)
-"""Refuses nothing: for judging laws, since the limits could hide a bad one."""

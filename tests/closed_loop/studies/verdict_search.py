@@ -36,8 +36,8 @@ from steer_by_wire.controller.node.contradicted_settings import sparse_measureme
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.runtime.settings import SettingsError
+from tests.support.runs.unguarded import UNGUARDED
 
 LAWS = (
     *("practical_pd", "practical_pd_dob", "practical_pd_cdob", "practical_pd_ddob"),

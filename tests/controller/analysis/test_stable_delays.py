@@ -22,7 +22,6 @@ from steer_by_wire.controller.analysis.stable_delays import (
 from steer_by_wire.controller.laws.law_from_settings import required
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.loops.wide_stretches import (
     PD,
@@ -33,6 +32,7 @@ from tests.support.loops.wide_stretches import (
     loop_of,
     proportional_loop,
 )
+from tests.support.runs.unguarded import UNGUARDED
 
 MS_NS = 1_000_000
 

@@ -21,8 +21,8 @@ from steer_by_wire.controller.laws.law_from_settings import design_law, vehicle_
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.runtime.settings import preset_names
+from tests.support.runs.unguarded import UNGUARDED
 from tests.support.suite.combinations import sampled
 
 MS = 1_000_000

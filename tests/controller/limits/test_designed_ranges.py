@@ -34,10 +34,10 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import CircleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from tests.support.nodes.controller_link import Link
+from tests.support.runs.unguarded import UNGUARDED
 from tests.support.suite.no_jitter import no_jitter as no_jitter
 
 WALKING = ValiditySettings(

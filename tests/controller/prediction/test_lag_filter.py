@@ -25,8 +25,8 @@ from steer_by_wire.plant_emulator.network.latency_distributions import Distribut
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
+from tests.support.runs.unguarded import UNGUARDED
 
 PERIOD_NS = 10_000_000
 LOOP_DELAY = LoopDelayParams(PERIOD_NS, PERIOD_NS, 10.0)

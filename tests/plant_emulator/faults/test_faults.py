@@ -11,7 +11,6 @@ from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
-    LateralError,
     Mode,
     Rejection,
     SteeringCommand,
@@ -149,27 +148,6 @@ def test_bits_flip_at_their_rate_and_the_crc_finds_them() -> None:
     assert 540 <= flipped <= 740  # of 64000 bits, four standard deviations to either side
     refused = {decode(b) for a, b in zip(sent, came, strict=True) if a != b}
     assert refused <= {Rejection.BAD_CRC, Rejection.MASQUERADED}
-
-
-@pytest.mark.parametrize(
-    ("kind", "magnitude", "cause"),
-    [
-        (FaultKind.WRONG_LENGTH, 7, Rejection.WRONG_LENGTH),
-        (FaultKind.OUT_OF_RANGE, 1.0, Rejection.OUT_OF_RANGE),
-    ],
-)
-def test_a_frame_that_is_wrong_is_refused_for_its_cause(
-    kind: FaultKind, magnitude: float, cause: Rejection
-) -> None:
-    assert {decode(frame) for frame in frames(passed(fault(kind, magnitude)))[10:]} == {cause}
-
-
-def test_a_wrong_identifier_is_found_by_the_data_id() -> None:
-    moved = fault(FaultKind.WRONG_IDENTIFIER, 1.0, direction="uplink", message="LATERAL_ERROR")
-    stage = FaultyNode(Sink(), [moved], 1).stages[0]
-    (out,) = stage.take(encode(LateralError(0.1, 0.0), 5), 0, 200 * MS)
-    assert out.can_id != CAN_IDS[LateralError]
-    assert decode(out) in (Rejection.BAD_CRC, Rejection.MASQUERADED)
 
 
 def test_a_spoofed_command_is_valid_and_one_counter_ahead() -> None:

@@ -6,7 +6,7 @@ from steer_by_wire.closed_loop.compiled.engine import CompiledRun, Outcome, run_
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
+from tests.support.runs.unguarded import UNGUARDED
 
 PUSH = (
     "disturbance.steps=[{at_s=0.5, steering_offset_rad=0.05}, {at_s=1.5, steering_offset_rad=0.0}]"

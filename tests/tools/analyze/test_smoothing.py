@@ -13,7 +13,6 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.steering.settings import UNGUARDED
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.analyze.smoothing import (
@@ -21,6 +20,7 @@ from steer_by_wire.tools.analyze.smoothing import (
     smooth_vehicle,
 )
 from steer_by_wire.tools.run.__main__ import main as run_loop
+from tests.support.runs.unguarded import UNGUARDED
 from tests.support.suite.unrendered import unrendered as unrendered
 
 VEHICLE_FILE = Path(__file__).parents[3] / "tools" / "design" / "highway_vehicle.toml"
