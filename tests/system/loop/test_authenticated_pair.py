@@ -177,7 +177,7 @@ def test_who_only_listens_reads_the_same_from_authenticated_frames(
     readings = []
     for pair in (classic, authenticated):
         listener = BusListener()
-        readings.append([listener.take(heard.frame, 0) for heard in pair.heard])
+        readings.append([listener.on_frame(heard.frame, 0) for heard in pair.heard])
         assert set(listener.refused) <= {"repeated"}
         assert listener.foreign_frames == 0
     assert readings[0] == readings[1]
