@@ -121,20 +121,19 @@ def test_a_process_that_was_held_up_however_long_costs_no_frame(
     ("preset", "stall_ms", "refused"),
     [
         ("practical_pd", 100, 0),
-        ("practical_pd", 300, 0),
-        ("paper_pd", 50, 0),
+        ("practical_pd", 300, 15),
+        ("paper_pd", 50, 141),
         ("paper_pd", 150, 115),
     ],
 )
-def test_a_bus_that_was_held_up_costs_what_did_not_fit_its_buffers_and_no_frame_after(
+def test_a_bus_that_was_held_up_costs_what_did_not_fit_and_150_ms_at_most(
     preset: str, stall_ms: int, refused: int
 ) -> None:
-    """What waited in a buffer comes late; the next frame, as early as before, is true all the same.
+    """What waited in a buffer comes late; where frames were lost meanwhile, the counter restarts.
 
-    ``paper_pd`` runs at 1 kHz, so that 50 ms cost it more frames than the lead explains. After
-    150 ms its counter is so far ahead that it may be an old one: refused until it is new again.
+    ``paper_pd`` runs at 1 kHz, so that its buffer is full after 12 ms.
     """
     plant, controller = reports_of("bus", 1000, stall_ms, preset=preset, duration_s=2.0)
     assert (sum(plant["rejected"].values()), controller["rejected"]) == (refused, {})
     assert plant["safety"]["fallbacks"] == 0
-    assert plant["safety"]["longest_silence_s"] < 1e-3 * stall_ms + 0.02
+    assert plant["safety"]["longest_silence_s"] < 1e-3 * stall_ms + 0.17
