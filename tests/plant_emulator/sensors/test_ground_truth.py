@@ -32,9 +32,9 @@ def test_it_is_of_each_sample_and_passes_neither_noise_nor_network() -> None:
 def test_where_it_is_sent_a_listener_computes_nothing() -> None:
     state, error = VehicleState(2.0, 0.0, 0.02), LateralError(0.1, 0.0)
     listener = CgDeviation(PREVIEW_M)
-    assert math.isnan(listener.take(error, 0.0))
-    listener.take(state, 0.0)
-    assert listener.take(error, 0.01) == pytest.approx(0.1 - 0.5 * PREVIEW_M**2 * 0.02)
-    assert math.isnan(listener.take(error, math.nan))
-    assert listener.take(GroundTruth(0.03), math.nan) == 0.03
-    assert math.isnan(listener.take(error, 0.02))
+    assert math.isnan(listener.on_message(error, 0.0))
+    listener.on_message(state, 0.0)
+    assert listener.on_message(error, 0.01) == pytest.approx(0.1 - 0.5 * PREVIEW_M**2 * 0.02)
+    assert math.isnan(listener.on_message(error, math.nan))
+    assert listener.on_message(GroundTruth(0.03), math.nan) == 0.03
+    assert math.isnan(listener.on_message(error, 0.02))
