@@ -107,9 +107,9 @@ def test_what_a_node_keeps_does_not_grow_with_garbage(
     make: Callable[[int], ReportingNode], number: int, margin: int
 ) -> None:
     node = make(number)
-    now_ns = drain(node, send_garbage(node, 1, 2_500, 0))
+    now_ns = drain(node, send_garbage(node, 1, 1_200, 0))
     settled = entries(node)
-    drain(node, send_garbage(node, 2, 2_500, now_ns))
+    drain(node, send_garbage(node, 2, 1_200, now_ns))
     assert entries(node) < settled + margin
 
 
