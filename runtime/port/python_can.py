@@ -8,7 +8,7 @@ import argparse
 import errno
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import can
 import can.cli
@@ -17,7 +17,7 @@ from ..exit_status import BusError, one_line
 from ..frame import Frame
 from ..frame.message import frame_of, message_of
 from ..node.real_time_loop import Received
-from .interface_choice import AUTO_CHANNEL, Choice, choose_bus, socketcan_obstacle
+from .interface_choice import AUTO_CHANNEL, Choice, socketcan_obstacle
 
 _SENT_MAX = 64
 """Most frames on their way back to their sender: 16 ms of a 500 kbit/s bus of its own."""
@@ -29,17 +29,6 @@ _FULL_CODES = {
 """Codes of drivers whose transmit queue is full, by python-can's exception for their failures."""
 
 
-class OpenBus(NamedTuple):
-    """An open bus.
-
-    ``bus``          the caller shuts it down
-    ``description``  what was opened, and where the choice came from
-    """
-
-    bus: can.BusABC
-    description: str
-
-
 class Closable(Protocol):
     """Anything that has to be shut down."""
 
@@ -48,14 +37,11 @@ class Closable(Protocol):
         ...
 
 
-def open_bus(namespace: argparse.Namespace, choice: Choice | None = None) -> OpenBus:
-    """Open the bus that the parsed command line, the configuration or this machine asks for.
-
-    ``choice``  from ``choose_bus``; None: is made here
+def open_bus(namespace: argparse.Namespace, choice: Choice) -> tuple[can.BusABC, str]:
+    """Open the bus that was chosen; returns it, for the caller to shut down, and its description.
 
     Raises BusError.
     """
-    choice = choice or choose_bus(namespace)
     check_openable(choice)
     given = {"interface": choice.interface, "channel": choice.channel}
     try:
@@ -67,7 +53,7 @@ def open_bus(namespace: argparse.Namespace, choice: Choice | None = None) -> Ope
         raise BusError(f"cannot open {choice.name} ({choice.reason}): {cause}") from error
     # Some interfaces of python-can leave channel_info unset.
     what = choice.name if bus.channel_info == can.BusABC.channel_info else bus.channel_info
-    return OpenBus(bus, f"{what} ({choice.reason})")
+    return bus, f"{what} ({choice.reason})"
 
 
 def check_openable(choice: Choice) -> None:

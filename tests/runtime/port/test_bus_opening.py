@@ -15,8 +15,8 @@ from steer_by_wire.controller.program import main
 from steer_by_wire.runtime.exit_status import BusError, ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port import interface_choice
-from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
-from steer_by_wire.runtime.port.python_can import BusPort, OpenBus, open_bus
+from steer_by_wire.runtime.port.interface_choice import add_bus_arguments, choose_bus
+from steer_by_wire.runtime.port.python_can import BusPort, open_bus
 from tests.support.programs.running_program import PATIENCE_S
 
 
@@ -43,12 +43,13 @@ def broker_address() -> Iterator[str]:
         yield address
 
 
-def opened(*arguments: str) -> OpenBus:
+def opened(*arguments: str) -> tuple[can.BusABC, str]:
     parser = argparse.ArgumentParser()
     add_bus_arguments(parser)
-    found = open_bus(parser.parse_args(arguments))
-    found.bus.shutdown()
-    return found
+    options = parser.parse_args(arguments)
+    bus, description = open_bus(options, choose_bus(options))
+    bus.shutdown()
+    return bus, description
 
 
 def add_network_interface(directory: Path, name: str, kind: int, flags: int) -> None:
@@ -59,9 +60,9 @@ def add_network_interface(directory: Path, name: str, kind: int, flags: int) -> 
 
 def test_the_command_line_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAN_INTERFACE", "socketcan")
-    found = opened("-i", "virtual", "-c", "seven")
-    assert isinstance(found.bus, VirtualBus)
-    assert found.description == "Virtual bus channel seven (from the command line)"
+    bus, description = opened("-i", "virtual", "-c", "seven")
+    assert isinstance(bus, VirtualBus)
+    assert description == "Virtual bus channel seven (from the command line)"
 
 
 def test_a_virtual_bus_is_said_to_end_at_the_process(capsys: pytest.CaptureFixture[str]) -> None:
@@ -80,14 +81,14 @@ def test_the_environment_comes_before_the_configuration_file(
     configuration.write_text("[default]\ninterface = socketcan\nchannel = nine\n")
     monkeypatch.setattr("can.util.CONFIG_FILES", [str(configuration)])
     monkeypatch.setenv("CAN_INTERFACE", "virtual")
-    assert opened().description == "Virtual bus channel nine (from the environment)"
+    assert opened()[1] == "Virtual bus channel nine (from the environment)"
 
 
 def test_without_a_can_network_interface_the_emulated_bus_is_opened(
     monkeypatch: pytest.MonkeyPatch, broker_address: str
 ) -> None:
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"address": broker_address}))
-    assert opened("-c", "body").description == (
+    assert opened("-c", "body")[1] == (
         "emulated bus, channel body, 500000 bit/s "
         "(no interface was given, and this machine has no network interface body)"
     )
@@ -98,7 +99,7 @@ def test_a_can_network_interface_that_is_up_is_preferred(
 ) -> None:
     add_network_interface(no_configuration, "vcan0", kind=280, flags=0xC1)
     monkeypatch.setitem(can.interfaces.BACKENDS, "socketcan", can.interfaces.BACKENDS["virtual"])
-    assert opened().description == (
+    assert opened()[1] == (
         "Virtual bus channel vcan0 (no interface was given, and this machine has it)"
     )
 
@@ -116,9 +117,9 @@ def test_a_network_interface_that_cannot_serve_is_passed_over_with_the_reason(
 ) -> None:
     add_network_interface(no_configuration, "vcan0", kind, flags)
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"address": broker_address}))
-    found = opened()
-    assert found.description.startswith("emulated bus, channel can0")
-    assert reason in found.description
+    _, description = opened()
+    assert description.startswith("emulated bus, channel can0")
+    assert reason in description
 
 
 @pytest.mark.parametrize(
