@@ -166,7 +166,7 @@ def test_a_key_file_that_cannot_be_used_is_one_line_and_status_2(
     assert line.endswith("chmod 600 it")
 
 
-@pytest.mark.parametrize("name", ["run.csv", "run.DB", "run.trc"])
+@pytest.mark.parametrize("name", ["run.csv", "run.TRC"])
 def test_a_recording_that_would_stay_empty_is_one_line_and_status_2(
     tmp_path: Path, key: str, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
