@@ -122,12 +122,6 @@ def test_what_is_refused_is_reported_with_the_reason_and_the_block_runs(linux: L
     assert all(os.strerror(1) in detail for detail in refused.values())
 
 
-def test_what_is_not_asked_for_is_neither_tried_nor_reported(linux: Linux) -> None:
-    with real_time(RealTimeRequest()) as answers:
-        assert set(by_name(answers)) == {"timer slack", "garbage collector"}
-    assert [call[0] for call in linux.calls] == ["prctl"]
-
-
 def test_elsewhere_everything_is_refused_by_name(
     linux: Linux, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,14 +157,6 @@ def test_garbage_is_collected_before_the_block_and_not_inside() -> None:
     assert gc.get_freeze_count() == 0
 
 
-@pytest.mark.usefixtures("linux")
-def test_a_collector_that_was_off_stays_off() -> None:
-    gc.disable()
-    with real_time(RealTimeRequest()):
-        assert not gc.isenabled()
-    assert not gc.isenabled()
-
-
 @pytest.mark.parametrize("cpu", [-1, 10**6, 10**30])
 def test_a_processor_that_does_not_exist_is_refused_by_the_real_host(cpu: int) -> None:
     with real_time(RealTimeRequest(cpu=cpu)) as answers:
@@ -188,12 +174,6 @@ def test_the_stolen_share_is_steal_by_all_time_and_counts_guests_once(tmp_path: 
     clock = StealClock(stat)
     stat.write_text(AFTER)
     assert clock.fraction() == pytest.approx(20 / 100)
-
-
-def test_nothing_is_stolen_in_no_time(tmp_path: Path) -> None:
-    stat = tmp_path / "stat"
-    stat.write_text(BEFORE)
-    assert StealClock(stat).fraction() == 0.0
 
 
 @pytest.mark.parametrize("text", ["", "cpu  1 2 3\n", "cpu  a b c d e f g h\n"])

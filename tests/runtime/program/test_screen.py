@@ -128,14 +128,6 @@ def test_a_state_is_one_line_each_time_it_changes() -> None:
     assert seen == [["a"], [], ["b"], [], ["a"]]
 
 
-def test_an_empty_state_is_no_line_but_what_follows_it_is() -> None:
-    changes = Changes()
-    assert not list(changes.lines(state(""), 0))
-    assert list(changes.lines(state("a"), 1)) == ["a"]
-    assert not list(changes.lines(state(""), 2))
-    assert list(changes.lines(state("a"), 3)) == ["a"]
-
-
 def test_a_state_that_flutters_is_limited_and_its_last_value_is_not_lost() -> None:
     changes = Changes()
     printed: list[str] = []
@@ -154,9 +146,3 @@ def test_a_flood_of_bad_frames_is_counted_in_few_lines() -> None:
     assert len(printed) == 1 + 199 * LOOK_NS // COUNT_NS
     assert printed[0] == "frames rejected, bad_crc: 1000"
     assert printed[1] == "frames rejected, bad_crc: 100000 more, 101000 so far"
-
-
-def test_one_cause_does_not_hide_another() -> None:
-    changes = Changes()
-    assert list(changes.lines(View({}, {"a": 1}, ""), 0)) == ["a: 1"]
-    assert list(changes.lines(View({"mode": "on"}, {"a": 2, "b": 1}, ""), 1)) == ["on", "b: 1"]

@@ -1,6 +1,5 @@
 """A law of another package runs wherever ours do, to the same bits, or is refused in one line."""
 
-import json
 import re
 import traceback
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from steer_by_wire.closed_loop.compiled.step_functions import ForeignParamsError
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.controller import program
-from steer_by_wire.controller.laws import LawInput, plugin_law
+from steer_by_wire.controller.laws import plugin_law
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
@@ -28,7 +27,6 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
-from steer_by_wire.tools.run import __main__ as closed_loop
 from tests.support.runs.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.runs.small_study import make_scenarios, never
 
@@ -65,19 +63,6 @@ def run_nodes(
 def test_compiled_it_gives_the_bits_of_the_nodes(around: Sequence[str]) -> None:
     network = ["latency.downlink.mean_s=0.08", "latency.uplink.loss=0.1", "seed=3"]
     assert_same_as_nodes(plant_settings(network), controller(OWN, *around))
-
-
-def test_a_node_runs_it_as_it_is() -> None:
-    settings = controller(OWN)
-    node, _ = run_nodes(settings)
-    law = settings.law_record
-    params, sent_rad = law.design(settings), 0.0
-    state = law.at_rest(params, node.samples[0].lateral_error_m)
-    for sample in node.samples:
-        state, output = law.step(params, state, LawInput(sample.lateral_error_m, sent_rad))
-        assert output == sample.law_output
-        sent_rad = sample.sent_steer_rad
-    assert len(node.samples) > 100
 
 
 def test_on_the_wire_it_is_custom_and_in_the_report_it_has_its_name() -> None:
@@ -265,11 +250,3 @@ own_law = { tracking_time_s = 0.7 }
 """
     computed = Computer(make_scenarios(tmp_path, study)).compute([0], never)
     assert computed.ends[0] == RUN_ENDS.index(RunEnd.COMPLETE)
-
-
-def test_closed_loop_runs_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--duration", "1", "--preset", "practical_pd", "--out", str(tmp_path)]
-    assert closed_loop.main([*options, "--law", OWN]) == 0
-    assert re.search(r"^law +own_law:LAW at 100 Hz$", capsys.readouterr().out, re.MULTILINE)
-    report = json.loads((tmp_path / "controller.json").read_text())
-    assert report["settings"]["own_law"] == {"integral_gain_rad_s_m": 0.5, "tracking_time_s": 0.5}

@@ -74,15 +74,6 @@ def test_a_notebook_shows_verdict_and_picture(
     assert f"<pre>{escape(repr(run))}</pre>" in run._repr_html_()
 
 
-def test_the_figures_are_those_of_the_report(run: Run, compiled: Run) -> None:
-    for one in (run, compiled):
-        assert one.lateral_error_rms_m == run.plant_report["lateral_error_rms_m"]
-        assert one.lateral_error_peak_m == run.plant_report["lateral_error_peak_m"]
-        assert one.outcome == "complete"
-    assert not compiled.plant_report
-    assert run.controller_report["law"] == run.controller_settings.law
-
-
 def test_both_tables_count_time_from_the_start_of_motion(run: Run) -> None:
     assert run.plant.time_s[[0, -1]] == pytest.approx([0.01, 6.0])
     assert run.controller.time_s[[0, -1]] == pytest.approx([0.0, 6.0])
@@ -126,12 +117,6 @@ def test_a_run_that_is_saved_can_be_made_again(run: Run, tmp_path: Path) -> None
     table = np.genfromtxt(tmp_path / "run" / "controller.csv", delimiter=",", names=True)
     assert table.dtype.names == run.controller._fields
     np.testing.assert_array_equal(table["sent_rad"], run.controller.sent_rad)
-
-
-def test_seen_from_above_the_error_is_the_distance_from_the_path(run: Run) -> None:
-    track = run.track()
-    distance_m = np.hypot(track.x_m - track.path_x_m, track.y_m - track.path_y_m)
-    assert distance_m == pytest.approx(np.abs(run.plant.lateral_error_m), abs=1e-12)
 
 
 def test_settings_come_from_everywhere_and_the_nearest_wins() -> None:
