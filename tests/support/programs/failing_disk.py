@@ -1,7 +1,5 @@
 """A disk that fails from, or at, its n-th use: opening, writing, syncing, renaming, making folders.
 
-Or at which the process is killed.
-
 In this process, for files below one folder, as far as they are written by Python. What a library
 writes by itself (sqlite, Arrow) does not fail.
 """
@@ -10,7 +8,6 @@ import builtins
 import errno
 import io
 import os
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,30 +17,22 @@ import pytest
 
 
 class FailingDisk:
-    """Counts uses, and lets number ``fails_at`` fail, and all later ones if ``stays_full``.
-
-    ``kills``  the process is killed then, by SIGKILL
+    """Counts uses, and lets number ``fails_at`` fail, and all later ones.
 
     ``uses``  so far
     ``has_failed``  whether one has failed
     """
 
-    def __init__(
-        self, folder: Path, fails_at: int | None, *, stays_full: bool = True, kills: bool = False
-    ) -> None:
+    def __init__(self, folder: Path, fails_at: int | None) -> None:
         self._folder = str(folder.resolve())
-        self._fails_at, self._stays_full, self._kills = fails_at, stays_full, kills
+        self._fails_at = fails_at
         self.uses = 0
         self.has_failed = False
 
     def use(self, file: str | None = None) -> None:
         """Count a use; raises OSError when it fails, as the system does: of a name, or without."""
         self.uses += 1
-        if self._fails_at is None or self.uses < self._fails_at:
-            return
-        if self._kills:
-            os.kill(os.getpid(), signal.SIGKILL)
-        if self.uses == self._fails_at or self._stays_full:
+        if self._fails_at is not None and self.uses >= self._fails_at:
             self.has_failed = True
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), *([file] if file else []))
 
@@ -91,11 +80,9 @@ class _RawFile(io.FileIO):
 
 
 @contextmanager
-def failing_disk(
-    folder: Path, fails_at: int | None, *, stays_full: bool = True, kills: bool = False
-) -> Iterator[FailingDisk]:
+def failing_disk(folder: Path, fails_at: int | None) -> Iterator[FailingDisk]:
     """Let what is written below ``folder`` fail from use ``fails_at`` on; None: never."""
-    disk = FailingDisk(folder, fails_at, stays_full=stays_full, kills=kills)
+    disk = FailingDisk(folder, fails_at)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(builtins, "open", disk.open)
         patch.setattr(io, "open", disk.open)

@@ -1,7 +1,9 @@
 """The suite itself: programs that tests start are forked; its last line counts what was skipped."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from tests.support.suite import forked_programs
 from tests.support.suite.last_line import last_line
 
+ROOT = Path(__file__).resolve().parents[3]
 VERSION = [sys.executable, "-m", "steer_by_wire", "--version"]
 
 
@@ -38,3 +41,12 @@ def test_it_counts_what_has_passed_and_groups_what_has_not_run_by_its_reason() -
 def test_it_counts_what_has_failed() -> None:
     reports = {"failed": [SimpleNamespace()], "error": [SimpleNamespace()] * 2}
     assert last_line(reports) == "0 passed, 1 failed, 2 errors, 0 skipped"
+
+
+def test_every_module_that_the_suite_knows_by_name_is_there() -> None:
+    named = re.findall(r'"(test_\w+)"', (ROOT / "tests" / "conftest.py").read_text("utf-8"))
+    there = {
+        file.stem for folder in ("tests", "packaging") for file in (ROOT / folder).rglob("*.py")
+    }
+    assert len(named) > 20
+    assert {*named} <= there
