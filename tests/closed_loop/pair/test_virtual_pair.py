@@ -19,7 +19,6 @@ from steer_by_wire.tools.run.__main__ import main as closed_loop
 ROOT = Path(__file__).parents[3]
 BUILDERS = {
     "closed_loop/pair/virtual_pair.py": "for all",
-    "tools/run/run_nodes.py": "in real time, behind the faults as well",
 }
 """Where a plant is made, and why there."""
 LOST = FaultSettings(kind=FaultKind.DROP, direction="uplink", message="LATERAL_ERROR", onset_s=0.5)
