@@ -1,4 +1,4 @@
-"""What a compiled run reads of its path: where the vehicle itself is, and what PATH_AHEAD says."""
+"""Path as a compiled run reads it: the place of the vehicle, and the values of PATH_AHEAD."""
 
 from typing import Any
 

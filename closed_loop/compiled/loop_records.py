@@ -1,4 +1,4 @@
-"""What a compiled run reads, keeps and leaves: the records of ``closed_loop.compiled.loop``."""
+"""Records that a compiled run reads, keeps and leaves, of ``closed_loop.compiled.loop``."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""What one run of plant emulator and controller leaves: files, reports and time histories."""
+"""Result of one run of plant emulator and controller: files, reports and time histories."""
 
 import csv
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""How many roots of a loop with an exact delay lie in the right half-plane: argument principle.
+"""Number of roots of a loop with an exact delay in the right half-plane: argument principle.
 
     Δ(s) = p(s) + q(s) e^(-sT),   deg q < deg p = n,   real coefficients
 

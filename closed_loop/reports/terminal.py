@@ -1,4 +1,4 @@
-"""What programs show in a terminal."""
+"""Terminal output of the programs."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""How a controller behaves on the bus, whatever the vehicle does: its rate, and how much it sends.
+"""Behaviour of a controller on the bus, whatever the vehicle does: its rate, and how much it sends.
 
 Everything that the plant does not send counts as the controller's: in a rig there is no one else.
 """

@@ -1,4 +1,4 @@
-"""Who computes the runs of a study: threads, or processes of this machine.
+"""Workers that compute the runs of a study: threads, or processes of this machine.
 
 Threads serve compiled runs, which do not hold the interpreter's lock; processes the others. A
 process is sent a study as text, makes the study from it, and keeps what runs share, as a thread
