@@ -1,4 +1,4 @@
-"""What a law is given at one control tick, what it returns, and the record that describes it.
+"""Interface of a law: its input and output at one control tick, and the record that describes it.
 
 A law is one module that ends with its record, and ``controller.laws`` finds the module. Settings,
 node, ``--check`` and compiled runs use only the record.

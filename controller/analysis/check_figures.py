@@ -1,4 +1,4 @@
-"""What ``--check`` computes: one mapping, ready for JSON; times in seconds, rates in 1/s.
+"""Figures of ``--check``: one mapping, ready for JSON; times in seconds, rates in 1/s.
 
 law, rate_hz, period_s
 not_analysed           why there is no analysis at all, empty otherwise

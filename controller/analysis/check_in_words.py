@@ -1,4 +1,4 @@
-"""What ``steer-by-wire check`` prints: the verdict, the settings, and what the loop tolerates.
+"""Text of ``steer-by-wire check``: the verdict, the settings, and what the loop tolerates.
 
 The text as a whole is a settings file again: all but the settings are TOML comments.
 """

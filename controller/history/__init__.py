@@ -1,4 +1,4 @@
-"""What was sent and measured so far, by tick and sample, for laws that look back.
+"""History of commands and measurements, by tick and sample, for laws that look back.
 
 Not here: the delay that the controller reports (``node.reported_delay``). Begin with ``history``.
 """

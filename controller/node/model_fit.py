@@ -1,4 +1,4 @@
-"""Whether the vehicle fits the box of [validity]: its yaw rate against that of the box's ends.
+"""Fit of the vehicle to the box of [validity]: its yaw rate against that of the box's ends.
 
 A wheel angle δ that is held makes the yaw rate r = V δ/(L + K V²), with the understeer gradient
 

@@ -1,4 +1,4 @@
-"""Whether the plant's signals agree with each other: what is wrong in them and no CRC can show.
+"""Plausibility of the plant's signals: contradictions between them that no CRC can show.
 
 Each residual compares what two signals say of one motion, and forgets in FORGETS_S:
 

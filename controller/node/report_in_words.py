@@ -1,4 +1,4 @@
-"""What a controller's report says about its run, in words: a summary and the verdict."""
+"""Controller's report about its run in words: a summary and the verdict."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""What the controller shows of itself while it runs: a row for each thing worth a line."""
+"""Live view of the controller: a row for each thing worth a line."""
 
 from collections.abc import Mapping
 
