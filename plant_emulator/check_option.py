@@ -1,4 +1,4 @@
-"""What ``steer-by-wire plant --check`` prints: the settings in effect, and what follows from them.
+"""Text of ``steer-by-wire plant --check``: the settings in effect, and what follows from them.
 
 The text is a valid settings file: everything but the settings is a TOML comment.
 """

@@ -1,4 +1,4 @@
-"""How alike the latencies of successive frames are: an AR(1) process beneath their distribution.
+"""Correlation of the latencies of successive frames: an AR(1) process beneath their distribution.
 
 The process moves the uniform that a latency is drawn from; the distribution stays what it was.
 """

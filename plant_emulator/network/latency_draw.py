@@ -1,4 +1,4 @@
-"""What the network does to one frame: its latency, its loss, its duplicate.
+"""Draw of one frame's fate in the network: its latency, its loss, its duplicate.
 
 For every frame two uniforms are drawn, in this order, whether they are needed or not:
 

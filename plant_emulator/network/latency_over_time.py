@@ -1,4 +1,4 @@
-"""How latency changes over the time of motion: schedules and recorded traces.
+"""Latency over the time of motion: schedules and recorded traces.
 
 A schedule is a list of points in time order. With shape `step` a point holds until the next one,
 with `ramp` the values are interpolated. Two points at the same time make a step in a ramp schedule.

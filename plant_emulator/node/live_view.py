@@ -1,4 +1,4 @@
-"""What the plant shows of itself while it runs: its states, its counts, and a line of figures."""
+"""Live view of the plant: its states, its counts, and a line of figures."""
 
 from collections.abc import Mapping
 

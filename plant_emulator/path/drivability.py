@@ -1,4 +1,4 @@
-"""Whether tyres can follow a path: a bend needs a lateral acceleration that friction has to give.
+"""Drivability of a path: a bend needs a lateral acceleration that friction has to give.
 
     ρ V² ≤ μ g
 

@@ -1,4 +1,4 @@
-"""What is sent at a sample: LATERAL_ERROR and STEERING_STATUS always, the others at some."""
+"""Messages of a sample: LATERAL_ERROR and STEERING_STATUS always, the others at some."""
 
 from ...dbc.messages import (
     CAN_IDS,
