@@ -1,4 +1,4 @@
-"""How a node is run and how frames travel: nodes, time, executors, buses, recording.
+"""Run-time parts that all programs share: nodes, time, executors, buses, recording.
 
 Both programs run everything in this package, and nothing in it names vehicle or controller.
 Begin at ``node/node.py``.

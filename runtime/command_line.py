@@ -1,4 +1,4 @@
-"""What the command lines of all programs share: help, types of options, their start and their end.
+"""Command line of all programs: help, types of options, their start and their end.
 
 argparse turns an error of a type into one line. Standard library only, because programs without any
 other library use it too.

@@ -1,4 +1,4 @@
-"""How a program ends: its exit status, and the errors that end it with a line for the user."""
+"""Exit status of a program, and the errors that end it with a line for the user."""
 
 from enum import IntEnum
 

@@ -1,4 +1,4 @@
-"""What a node is, and the executors that run nodes in virtual and in real time.
+"""Node interface, and the executors that run nodes in virtual and in real time.
 
 Not here: what a program needs beyond its node, such as options and signals (``program``).
 Begin at ``node.py``, whose names this package hands on.

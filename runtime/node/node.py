@@ -1,4 +1,4 @@
-"""What an executor runs: a node without clock, socket, thread or print; and what it shows.
+"""Node: an object without clock, socket, thread or print that an executor runs; and its live view.
 
 Rules an executor keeps:
 

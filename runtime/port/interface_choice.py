@@ -1,4 +1,4 @@
-"""Which CAN interface a program opens, by python-can's own conventions.
+"""Choice of the CAN interface that a program opens, by python-can's own conventions.
 
 It comes from the first of these that names one:
 
