@@ -1,4 +1,4 @@
-"""What runs on the lanes: laws, vehicle, path, seed and network, as a page chooses them."""
+"""Scenario on the lanes: laws, vehicle, path, seed and network, as a page chooses them."""
 
 import math
 import tomllib

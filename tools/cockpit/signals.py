@@ -1,4 +1,4 @@
-"""What a page is sent of each lane, and what it shows of that: signals, charts, figures.
+"""Signals that a page gets of each lane, and what it shows of them: signals, charts, figures.
 
 The binary form in which rows go to a page: little-endian, a batch for each lane in one message.
 

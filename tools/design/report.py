@@ -1,4 +1,4 @@
-"""What a design leaves: its preset, the reasons for its values in words, and a picture.
+"""Report of a design: its preset, the reasons for its values in words, and a picture.
 
 A preset is settings below comments with what was measured. The picture has the region of the gains,
 the RMS over the delay, the sensitivity, and the stable delays.

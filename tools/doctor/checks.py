@@ -1,4 +1,4 @@
-"""What this machine has for CAN and real time, and how to get what it lacks."""
+"""Checks of what this machine has for CAN and real time, and how to get what it lacks."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""What a design does in runs: noise, side wind, a wheel offset, a wrong vehicle and jitter.
+"""Trials of a design: noise, side wind, a wheel offset, a wrong vehicle and jitter.
 
 Each run has the real limits on the commands, frames, and the steering's guard as it is by default.
 The runs are compiled, which gives the numbers of the nodes in virtual time.
