@@ -1,4 +1,4 @@
-"""What the DBC specifies for an interaction layer, and that both nodes conform to it.
+"""Attributes of the DBC for an interaction layer: both nodes conform to them.
 
 The names are those of Vector's interaction layer; the E2E parameters' are those of AUTOSAR.
 """

@@ -1,4 +1,4 @@
-"""What a node keeps does not grow with what it receives, and a stall of an hour ends."""
+"""Memory of a node does not grow with what it receives, and a stall of an hour ends."""
 
 from collections.abc import Callable, Iterable
 from random import Random

@@ -1,4 +1,4 @@
-"""How laws respond to a missing VEHICLE_STATE or STEERING_STATUS, live and compiled."""
+"""Laws without a VEHICLE_STATE or STEERING_STATUS, live and compiled."""
 
 from collections.abc import Sequence
 from functools import cache

@@ -1,4 +1,4 @@
-"""What records a bus beside the programs on it."""
+"""Recorder of a bus next to the programs on it."""
 
 import threading
 from pathlib import Path

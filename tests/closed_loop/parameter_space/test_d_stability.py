@@ -1,4 +1,4 @@
-"""Which roots are where they should be: by hand, and for a delayed loop by Lambert's W."""
+"""Roots in the demanded region: by hand, and for a delayed loop by Lambert's W."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a program starts ends with it, however it ends, cleanly and without leaving anything."""
+"""Processes that a program starts end with it, however it ends, without leaving anything."""
 
 import os
 import signal

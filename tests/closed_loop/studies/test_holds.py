@@ -1,4 +1,4 @@
-"""What ``holds`` promises: on the path to the end, whatever kind of run it is; from both sides."""
+"""Promise of ``holds``: on the path to the end, whatever kind of run it is; from both sides."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Whether the verdict on runs agrees with the linear analysis, on loops drawn at random.
+"""Search for loops on which the verdict on runs disagrees with the linear analysis.
 
     python -m tests.closed_loop.studies.verdict_search --loops 2000
 

@@ -1,4 +1,4 @@
-"""What the controller learns of the network from counters alone."""
+"""Delay that the controller learns from counters alone."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""What the shipped predictor does while no echo comes, at the delays that it is shipped for."""
+"""Shipped predictor while no echo comes, at the delays that it is shipped for."""
 
 import numpy as np
 

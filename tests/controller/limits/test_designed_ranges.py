@@ -1,4 +1,4 @@
-"""What a preset was designed for: the controller says, asks and steers less where it is left."""
+"""Ranges a preset was designed for: beyond them the controller says so, asks and steers less."""
 
 from itertools import pairwise
 

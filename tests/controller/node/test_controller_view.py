@@ -1,4 +1,4 @@
-"""What the controller shows: peer, modes, refused frames."""
+"""Live view of the controller: peer, modes, refused frames."""
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.view import plant_text

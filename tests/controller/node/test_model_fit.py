@@ -1,4 +1,4 @@
-"""Whether a vehicle is in the box of [validity], as its yaw rate shows: of runs at two speeds."""
+"""Vehicles within and beyond the box of [validity], by their yaw rate in runs at two speeds."""
 
 from itertools import product
 from math import pi, sin

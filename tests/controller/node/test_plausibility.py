@@ -1,4 +1,4 @@
-"""What the plant's signals say of each other: by hand, with faults no CRC shows, without any."""
+"""Contradictions of the plant's signals: by hand, with faults no CRC shows, without any."""
 
 import math
 from typing import Any

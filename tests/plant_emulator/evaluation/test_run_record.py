@@ -1,4 +1,4 @@
-"""What is kept of a run: places in the world, figures, and the trace file."""
+"""Record of a run: places in the world, figures, and the trace file."""
 
 import csv
 import math

@@ -1,4 +1,4 @@
-"""What a tool changes of a run is printed, reported and traced, and the report repeats it."""
+"""Interventions of a tool in a run are printed, reported and traced."""
 
 import csv
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the plant shows: its steering, the controller's word, a latency changed live, limits."""
+"""Live view of the plant: steering, the controller's word, a latency changed live, limits."""
 
 import pytest
 

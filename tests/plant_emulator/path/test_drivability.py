@@ -1,4 +1,4 @@
-"""What a path asks of the tyres, and the line for one that asks too much."""
+"""Demands of a path on the tyres, and the line for a path that asks too much."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What every bus promises to the nodes, tested on each available backend.
+"""Promises of every bus to the nodes, tested on each available backend.
 
 Nothing here depends on how fast the machine is: a frame that must not arrive is proven absent by
 one that was sent after it.

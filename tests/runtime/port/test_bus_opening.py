@@ -1,4 +1,4 @@
-"""Which bus is opened, and how a failing one is reported."""
+"""Bus that is opened, and the report of a failing one."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""Which port a node gets: AF_CAN or python-can, with what filters, with which options."""
+"""Port that a node gets: AF_CAN or python-can, with what filters, with which options."""
 
 import argparse
 import json

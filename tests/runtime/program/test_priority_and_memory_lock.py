@@ -1,4 +1,4 @@
-"""What the host is asked for, and how it answers.
+"""Requests to the host for priority and memory lock, and its answers.
 
 The host is a fake, so that no test locks its own process into memory or starves the others.
 """

@@ -1,4 +1,4 @@
-"""What the two programs share: a run and its report, the command line, and mistakes."""
+"""Common parts of the two programs: a run and its report, the command line, and mistakes."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""What a reader can tell apart in a picture that is printed without colour."""
+"""Curves that a reader can tell apart in a picture printed without colour."""
 
 from collections import Counter
 

@@ -1,4 +1,4 @@
-"""What ``candump -e`` of can-utils reads in the error frames of our bus model."""
+"""Error frames of our bus model as ``candump -e`` of can-utils reads them."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""What a healthy pair refuses after its host has held up the plant, the controller or the bus.
+"""Refused frames of a healthy pair after its host has held up plant, controller or bus.
 
 In virtual time: what is held up takes all that has come meanwhile when it goes on, at one instant,
 as a process after SIGSTOP and SIGCONT on a bus without arrival times.

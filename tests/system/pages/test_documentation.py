@@ -1,4 +1,4 @@
-"""What the documentation shows and names is there: settings, files, links, modules, commands.
+"""Names on the pages lead somewhere: settings, files, links, modules, commands.
 
 Its site is built without a warning; its diagrams are those of their program.
 """

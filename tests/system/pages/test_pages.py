@@ -1,4 +1,4 @@
-"""What the pages show runs: Python, commands, files and what is printed."""
+"""Python, commands and files on the pages run, and print what the pages show."""
 
 import argparse
 import doctest

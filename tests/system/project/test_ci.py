@@ -1,4 +1,4 @@
-"""What runs on other machines: workflows, action, image and script. Their steps are run here."""
+"""Workflows, action, image and script for other machines. Their steps are run here."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""How every program ends: its verdict in the last line, and the status of ``--fail-if``."""
+"""Endings of every program: its verdict in the last line, and the status of ``--fail-if``."""
 
 import json
 from pathlib import Path

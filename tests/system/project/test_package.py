@@ -1,4 +1,4 @@
-"""What ``pip install .`` brings along, and that it works wherever it is called."""
+"""Package that ``pip install .`` makes: what it brings along, and that it works anywhere."""
 
 import configparser
 import os

@@ -1,4 +1,4 @@
-"""What the cockpit makes of frames: signals, place, lights, the list of frames, a replay."""
+"""Sampler of the cockpit: signals, place, lights, the list of frames, a replay."""
 
 import json
 import math

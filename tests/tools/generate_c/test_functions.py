@@ -1,4 +1,4 @@
-"""What becomes C, and what is refused with its file and line."""
+"""Functions that become C, and those that are refused with their file and line."""
 
 import ast
 import textwrap
