@@ -1,4 +1,4 @@
-"""Which folder is which package; ``pyproject.toml`` has the rest.
+"""Folders of each package; ``pyproject.toml`` has the rest.
 
 The folders of the top level are packages of ``steer_by_wire``, and so is with-vcan, which is also a
 distribution of its own. Inside the checkout symbolic links say so; an installation goes by this,

@@ -1,1 +1,1 @@
-"""How fast the programs are on this machine: ``make benchmark``, with pytest-benchmark."""
+"""Speed of the programs on this machine: ``make benchmark``, with pytest-benchmark."""

@@ -1,4 +1,4 @@
-"""What is on the bus, as one typed record for each message; ``dbc.messages`` sends and reads them.
+"""Messages on the bus, one typed record for each; ``dbc.messages`` sends and reads them.
 
 Units are SI and the last part of a field's name; signs are ISO 8855 (x forward, y left; left is
 positive). What each field means, its range and its resolution are in ``steer_by_wire.dbc``.

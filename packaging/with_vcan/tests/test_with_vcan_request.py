@@ -1,4 +1,4 @@
-"""What ``tools/with_vcan`` is asked for, and its one file: none of it needs a vcan0."""
+"""Arguments of ``tools/with_vcan``, and its one file: none of it needs a vcan0."""
 
 import os
 import subprocess

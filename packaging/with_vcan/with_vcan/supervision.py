@@ -1,4 +1,4 @@
-"""What the wrapper does while the command runs: pass signals on, watch the time."""
+"""Supervision of the command while it runs: pass signals on, watch the time."""
 
 import os
 import selectors
