@@ -16,13 +16,16 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency_and_jitter import Durations, History, Latencies
-from .log_file import LogError, open_log
+from .log_file import open_log
+from .log_state import LogError
 from .time_axis import TimeAxis
 
 GAP_PERIODS = 3
 """A message that is absent for more than this many of its periods leaves a gap."""
 BACKWARDS_SHARE_MAX = 0.01
 """Of frames whose time runs backwards; a recorder of several channels may swap neighbours."""
+SET_BACK_MAX = 3
+"""How often a clock may be set back; after that it is the order that is wrong."""
 GAPS_MAX = 20
 """How many gaps are listed, the longest."""
 CONFIGS_MAX = 100
@@ -160,8 +163,10 @@ class LogAnalysis:
         self._held_path.on_message(shown, at_s, self._cg_m)
         self._watch(shown, since_ns)
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self, not_read: int = 0) -> dict[str, Any]:
         """Return all figures, ready for JSON; call it once, at the end.
+
+        ``not_read``  lines of the log: nothing is said to be absent that may be in them
 
         ``not_judged``  why there is no verdict; empty if there is one
         ``names``       of the car's signals, by the quantity that each carries
@@ -169,7 +174,7 @@ class LogAnalysis:
         self.latencies.close_window()
         axis = self._axis
         self._leave_mode(axis.duration_ns or 0)
-        obstacle = self._obstacle()
+        obstacle = self._obstacle(not_read)
         held_path = self._held_path_figures()
         return {
             "frames": self._frames,
@@ -178,7 +183,7 @@ class LogAnalysis:
             "start": axis.start_date,
             "duration_s": None if axis.duration_ns is None else axis.duration_ns / NS_PER_S,
             "times_backwards": axis.backwards,
-            "clock_set": axis.clock_set,
+            "clock_set": axis.clock_set + axis.set_back,
             "messages": {name: self._message_figures(name) for name in self.listed},
             "names": dict(self.listener.listening.signals),
             "refused": dict(self.listener.refused),
@@ -196,16 +201,21 @@ class LogAnalysis:
             "gaps": [gap._asdict() for gap in sorted(self._gaps, reverse=True)],
         }
 
-    def _obstacle(self) -> str:
+    def _obstacle(self, not_read: int) -> str:
         """Return why the log says nothing about the path; empty if it does."""
-        accepted = sum(self.listener.counts(name).accepted for name in self.listed)
-        if not accepted:
+        axis = self._axis
+        unread = f"; {not_read} lines or objects were not read" if not_read else ""
+        if not any(self.listener.counts(name).accepted for name in self.listed):
             refused, foreign = sum(self.listener.refused.values()), self.listener.foreign_frames
             what = "is a message of plant or controller"
-            return f"none of {self._frames} frames {what} ({foreign} foreign, {refused} refused)"
-        if self._axis.backwards > BACKWARDS_SHARE_MAX * self._frames:
-            times = f"time runs backwards at {self._axis.backwards} of {self._frames} frames"
-            return f"{times}: the log is not in the order of the bus"
+            why = f"none of {self._frames} frames {what} ({foreign} foreign, {refused} refused)"
+            return why + unread
+        if axis.backwards > BACKWARDS_SHARE_MAX * self._frames or axis.set_back > SET_BACK_MAX:
+            backwards = axis.backwards + axis.set_back
+            times = f"time runs backwards at {backwards} of {self._frames} frames"
+            return times + (unread or ": the log is not in the order of the bus")
+        if not self._held_path.has_started and not_read:
+            return f"no command was read{unread}"
         if self._held_path.has_started and not self._held_path.can_be_judged:
             return (
                 f"only {self._held_path.samples} measurements follow the first command: too few"
@@ -375,7 +385,7 @@ def analyse_files(
         "unreadable": unreadable,
         "first_unreadable": first_unreadable,
         "cut_off": cut_off,
-        **analysis.figures(),
+        **analysis.figures(unreadable),
     }
     if channel is not None and not figures["frames"]:
         there = ", ".join(figures["channels"]) or "none is named"

@@ -3,23 +3,27 @@
 from datetime import UTC, datetime
 
 from ...runtime.node import NS_PER_S
-from .log_file import CLOCK_STARTED_NS
+from .log_state import CLOCK_STARTED_NS
 
 CLOCK_SET_NS = 24 * 3600 * NS_PER_S
 """A longer time without any frame is a clock that was set, from 1970 to the date for instance."""
+CLOCK_SET_BACK_NS = NS_PER_S // 10
+"""Frames that lie further back than a recorder swaps them, two in a row, are a clock set back."""
 
 
 class TimeAxis:
     """The times of a log since its first frame, without what a clock that was set has leapt.
 
-    ``clock_set``  how often it was set forward
-    ``backwards``  frames so far whose time is before that of an earlier one
+    ``clock_set``  how often it was set forward, by more than a day
+    ``set_back``   how often it was set back
+    ``backwards``  other frames so far whose time is before that of an earlier one
     """
 
     def __init__(self) -> None:
         self._start_ns: int | None = None
         self._end_ns = 0
-        self.backwards = self.clock_set = 0
+        self._aside_ns: int | None = None  # of the frame before, if it lies far back
+        self.backwards = self.clock_set = self.set_back = 0
 
     def since_start_ns(self, time_ns: int | None) -> int | None:
         """Return the time of the next frame since the start [ns]; None for one without time."""
@@ -27,6 +31,16 @@ class TimeAxis:
             return None
         if self._start_ns is None:
             self._start_ns = self._end_ns = time_ns
+        aside_ns, self._aside_ns = self._aside_ns, None
+        if time_ns < self._end_ns - CLOCK_SET_BACK_NS:
+            if aside_ns is None or not 0 <= time_ns - aside_ns <= CLOCK_SET_BACK_NS:
+                self.backwards += 1
+                self._aside_ns = time_ns
+                return self._end_ns - self._start_ns
+            self.backwards -= 1
+            self.set_back += 1
+            self._start_ns += aside_ns - self._end_ns
+            self._end_ns = time_ns
         if time_ns < self._end_ns:
             self.backwards += 1
         if time_ns - self._end_ns > CLOCK_SET_NS:

@@ -11,7 +11,8 @@ from typing import NamedTuple
 from ...dbc.listening import Listening
 from ...dbc.messages import CAN_IDS, CYCLE_TIMES_MS, SteeringCommand, SteeringPlan
 from ...runtime.node import NS_PER_S
-from ..recordings.log_file import LogError, open_log
+from ..recordings.log_file import open_log
+from ..recordings.log_state import LogError
 
 DBC_RATE_HZ = 1000.0 / CYCLE_TIMES_MS[SteeringCommand]
 RATE_SHARES = (0.6, 1.6)

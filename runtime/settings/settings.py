@@ -191,6 +191,11 @@ def _checked(
     raise SettingsError(*mistakes)
 
 
+def encoding_of(raw: bytes) -> str:
+    """Return the encoding of a text that begins with ``raw``: UTF-8 but for a byte order mark."""
+    return next((name for mark, name in _MARKS.items() if raw.startswith(mark)), "utf-8")
+
+
 def read_text(file: Path) -> str:
     """Return the text of a file of the user; raises SettingsError."""
     try:
@@ -198,8 +203,7 @@ def read_text(file: Path) -> str:
             raw = opened.read(_FILE_BYTES_MAX + 1)
         if len(raw) > _FILE_BYTES_MAX:
             raise SettingsError(f"{file}: is longer than {_FILE_BYTES_MAX} bytes")
-        encoding = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), "utf-8")
-        return raw.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+        return raw.decode(encoding_of(raw)).replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise SettingsError(f"{file}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -16,7 +16,7 @@ from typing import Any
 import can
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.recordings.log_file import LogError
+from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.dbc.messages import (
     LateralError,
     Mode,

@@ -22,7 +22,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from ...closed_loop.recordings.log_analysis import LoggedMessages
-from ...closed_loop.recordings.log_file import LogError
+from ...closed_loop.recordings.log_state import LogError
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.history.echo_delay import unwrapped
 from ...controller.prediction.gains_over_speed import (

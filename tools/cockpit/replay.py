@@ -14,7 +14,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...closed_loop.recordings.log_file import LogError, open_log
+from ...closed_loop.recordings.log_file import open_log
+from ...closed_loop.recordings.log_state import LogError
 from ...closed_loop.recordings.status_lights import Light
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...runtime.frame import Frame

@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.recordings.log_file import LogError, open_log
+from steer_by_wire.closed_loop.recordings.log_file import open_log
+from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.recorder import Recording
 from steer_by_wire.runtime.recording.recorder_process import HELD_NS, _ordered, _Record

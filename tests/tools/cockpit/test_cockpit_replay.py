@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.recordings.log_file import LogError
+from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.tools.cockpit.page import page_files, served_page, single_page
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.scenario import choices, lane_settings, scenario_of, scenarios
