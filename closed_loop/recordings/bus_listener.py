@@ -25,6 +25,7 @@ from ...dbc.messages import (
     SteeringCommand,
     SteeringPlan,
     decode,
+    steers_of,
 )
 from ...dbc.secoc.secured_frame import plain
 from ...plant_emulator.steering.plan_buffer import planned_rad
@@ -66,9 +67,13 @@ def command_at(message: SteeringCommand | SteeringPlan, sample: int) -> Steering
     """Return a command, or what a plan commands at the sample with this end-to-end counter."""
     if isinstance(message, SteeringCommand):
         return message
-    number, mode, first_sample, spacing, *steers_rad = message
-    age = min((sample - first_sample) % COUNTERS, spacing * (len(steers_rad) - 1))
-    return SteeringCommand(planned_rad(age, spacing, steers_rad), number, mode)
+    spacing, steers_rad = message.spacing, steers_of(message)
+    age = min((sample - message.first_sample) % COUNTERS, spacing * (len(steers_rad) - 1))
+    return SteeringCommand(
+        steer_rad=planned_rad(age, spacing, steers_rad),
+        command_counter=message.plan_number,
+        mode=message.mode,
+    )
 
 
 class Taken(NamedTuple):

@@ -53,7 +53,11 @@ class ReactionWatch:
                 if message.status in _LEFT_CODES:
                     self._left_ns.append(time_ns)
             case messages.ControllerSafety():
-                is_stale = Freshness.STALE in message[2:5]
+                is_stale = Freshness.STALE in (
+                    message.lateral_error_freshness,
+                    message.steering_status_freshness,
+                    message.vehicle_state_freshness,
+                )
                 self._report(time_ns, message, (message.rejected, message.lost), is_wrong=is_stale)
             case messages.PlantStatus():
                 is_wrong = message.safety is not SafetyState.NORMAL

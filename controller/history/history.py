@@ -18,6 +18,7 @@ from ...dbc.messages import (
     PathAhead,
     SteeringStatus,
     SteeringStatusCode,
+    curvatures_of,
 )
 from ...runtime.node import NS_PER_S
 from ..age_limits import AgeLimits
@@ -311,21 +312,23 @@ class BusHistory:
 
     def on_path(self, path: PathAhead, speed_m_s: float) -> None:
         """Store the path ahead, at the vehicle's speed."""
-        counter, spacing_m, *ahead_1_m = path
         params, rings, path_end, errors = self._params, self._rings, self._path_end, self._errors
+        counter, spacing_m, ahead_1_m = path.path_sample, path.path_spacing_m, curvatures_of(path)
         self._path_end = path_step(
             params, rings, path_end, errors, counter, spacing_m, ahead_1_m, speed_m_s
         )
 
     def on_error(self, error: LateralError, counter: int, now_ns: int) -> None:
         """Store a measurement."""
+        params, rings, errors, echoes = self._params, self._rings, self._errors, self._echoes
+        error_m, heading_rad = error.lateral_error_m, error.heading_error_rad
         self._errors = error_step(
-            self._params, self._rings, self._errors, self._echoes, counter, *error, now_ns
+            params, rings, errors, echoes, counter, error_m, heading_rad, now_ns
         )
 
     def on_echo(self, status: SteeringStatus, counter: int, now_ns: int) -> None:
         """Store an echo."""
-        wheel_rad, applied, code = status
+        wheel_rad, applied, code = status.wheel_angle_rad, status.applied_counter, status.status
         params, rings = self._params, self._rings
         errors, commands = self._errors, self._commands
         self._echoes = echo_step(

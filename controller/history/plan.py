@@ -10,10 +10,10 @@ The plant plays a plan from sample to sample, so a law that plans knows what act
 from collections.abc import MutableSequence, Sequence
 
 from ...dbc.codec.protection import COUNTERS
-from ...dbc.messages import Mode, SteeringPlan
+from ...dbc.messages import STEER_FIELDS, Mode, SteeringPlan
 from ..limits.steer_limits import SteerLimits, limit_step
 
-VALUES = 18
+VALUES = len(STEER_FIELDS)
 SPACING_MAX = 15
 """17 of these are as many samples as the wire distinguishes."""
 ROW_LENGTH = 2 + VALUES
@@ -78,4 +78,10 @@ def copy_row(row: Sequence[float], to: MutableSequence[float]) -> None:
 
 def plan_message(row: Sequence[float], number: int, mode: Mode) -> SteeringPlan:
     """Return a plan as sent; ``number`` is the counter of its command."""
-    return SteeringPlan(number, mode, int(row[0]) % COUNTERS, int(row[1]), *row[2:])
+    return SteeringPlan(
+        plan_number=number,
+        mode=mode,
+        first_sample=int(row[0]) % COUNTERS,
+        spacing=int(row[1]),
+        **dict(zip(STEER_FIELDS, row[2:], strict=True)),
+    )

@@ -77,7 +77,10 @@ class CommandFrames:
 
     def command(self, steer_rad: float, mode: Mode, now_ns: int) -> Frame:
         """Return the frame of a command."""
-        return self._commands.frame((steer_rad, self.sent.on_sent(now_ns, steer_rad), mode))
+        number = self.sent.on_sent(now_ns, steer_rad)
+        return self._commands.frame(
+            SteeringCommand(steer_rad=steer_rad, command_counter=number, mode=mode)
+        )
 
     def plan(
         self, row: list[float], acting: int, before: list[float], mode: Mode, now_ns: int

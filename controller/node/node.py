@@ -124,7 +124,8 @@ class ControllerNode:
         before_ns = received.errors.arrival_ns
         message = received.reception.take(frame, now_ns)
         if type(message) is LateralError:
-            received.lateral_error_m, received.heading_error_rad = message
+            received.lateral_error_m = message.lateral_error_m
+            received.heading_error_rad = message.heading_error_rad
             self._supervisor.on_measurement(before_ns, now_ns)
             if bus_history is not None:
                 bus_history.on_error(message, received.errors.counter, now_ns)
@@ -133,11 +134,15 @@ class ControllerNode:
             if bus_history is not None:
                 bus_history.on_echo(message, received.statuses.counter, now_ns)
         elif type(message) is VehicleState:
-            received.vehicle = VehicleReading(*message)
+            speed_m_s = message.speed_m_s
+            received.vehicle = VehicleReading(
+                speed_m_s=speed_m_s,
+                yaw_rate_rad_s=message.yaw_rate_rad_s,
+                preview_curvature_1_m=message.preview_curvature_1_m,
+            )
             self._reported.append(
                 (message, received.heading_error_rad, received.wheel_rad, self._command_rad)
             )
-            speed_m_s = message.speed_m_s
             self._law.on_speed(speed_m_s)
             self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
             if bus_history is not None:

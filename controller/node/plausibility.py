@@ -80,7 +80,8 @@ Reported = tuple[VehicleState, float, float, float]
 def mean_motion(reported: Sequence[Reported], lasted_s: float) -> Motion:
     """Return the means of what was reported, one or more, in ``lasted_s``."""
     a = b = c = d = e = f = 0.0
-    for (v, r, rho), heading_rad, wheel_rad, command_rad in reported:
+    for state, heading_rad, wheel_rad, command_rad in reported:
+        v, r, rho = state.speed_m_s, state.yaw_rate_rad_s, state.preview_curvature_1_m
         a, b, c, d = a + v, b + r, c + v * rho, d + v * heading_rad
         e, f = e + wheel_rad, f + command_rad
     n = len(reported)

@@ -69,8 +69,8 @@ def echo_delay_s(p: EchoRule, x: EchoMean, now_ns: int) -> float | None:
 def delay_status(delay_s: float | None) -> DelayStatus:
     """Return the message; the delay is clamped to the range of its signal."""
     if delay_s is None:
-        return DelayStatus(0.0, EchoState.UNKNOWN)
-    return DelayStatus(min(delay_s, _DELAY_S_MAX), EchoState.KNOWN)
+        return DelayStatus(echo_delay_s=0.0, echo_state=EchoState.UNKNOWN)
+    return DelayStatus(echo_delay_s=min(delay_s, _DELAY_S_MAX), echo_state=EchoState.KNOWN)
 
 
 class ReportedDelay:

@@ -87,15 +87,15 @@ def is_report_due(x: SafetyFacts, reported: SafetyFacts, since_ns: int) -> bool:
 def controller_safety(x: SafetyFacts, lost: int) -> ControllerSafety:
     """Return the message."""
     return ControllerSafety(
-        x.rejected % _LOST_COUNTERS,
-        lost % _LOST_COUNTERS,
-        x.lateral_error,
-        x.steering_status,
-        x.vehicle_state,
-        x.fault,
-        x.second_sender,
-        x.validity,
-        x.motion_request,
+        rejected=x.rejected % _LOST_COUNTERS,
+        lost=lost % _LOST_COUNTERS,
+        lateral_error_freshness=x.lateral_error,
+        steering_status_freshness=x.steering_status,
+        vehicle_state_freshness=x.vehicle_state,
+        fault=x.fault,
+        second_sender=x.second_sender,
+        validity=x.validity,
+        motion_request=x.motion_request,
     )
 
 

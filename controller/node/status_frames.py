@@ -30,11 +30,11 @@ def controller_status(
 ) -> ControllerStatus:
     """Return the status; an estimate is clamped to the range of its signal."""
     return ControllerStatus(
-        mode,
-        law,
-        clamped(disturbance_rad, _DISTURBANCE.minimum, _DISTURBANCE.maximum),
-        clamped(network_rad, _NETWORK.minimum, _NETWORK.maximum),
-        skipped % _SKIPPED_COUNTERS,
+        mode=mode,
+        law=law,
+        disturbance_rad=clamped(disturbance_rad, _DISTURBANCE.minimum, _DISTURBANCE.maximum),
+        network_disturbance_rad=clamped(network_rad, _NETWORK.minimum, _NETWORK.maximum),
+        skipped_ticks=skipped % _SKIPPED_COUNTERS,
     )
 
 
@@ -63,9 +63,10 @@ class StatusFrames:
     def model(self, belief: VehicleBelief, shown_mass_kg: float | None) -> Frame:
         """Return the frame of the vehicle as the law takes it, and as its yaw rate shows it."""
         state = ShownMassState.UNKNOWN if shown_mass_kg is None else ShownMassState.KNOWN
-        values = (*belief, shown_mass_kg or 0.0)
-        lag_s, mass_kg, shown_kg = (
-            clamped(value, it.minimum, it.maximum)
-            for value, it in zip(values, _MODEL_LIMITS.values(), strict=False)
+        status = ModelStatus(
+            steering_lag_s=clamped(belief.steering_lag_s, *_MODEL_LIMITS["steering_lag_s"]),
+            virtual_mass_kg=clamped(belief.virtual_mass_kg, *_MODEL_LIMITS["virtual_mass_kg"]),
+            shown_mass_kg=clamped(shown_mass_kg or 0.0, *_MODEL_LIMITS["shown_mass_kg"]),
+            shown_mass_state=state,
         )
-        return self._models.frame(ModelStatus(lag_s, mass_kg, shown_kg, state))
+        return self._models.frame(status)

@@ -5,7 +5,8 @@ positive). What each field means, its range and its resolution are in ``steer_by
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from operator import attrgetter
 from types import MappingProxyType
 from typing import NamedTuple, TypeAlias, get_args
 
@@ -206,6 +207,15 @@ class PathAhead(NamedTuple):
     curvature_23_1_m: float
     curvature_24_1_m: float
     curvature_25_1_m: float
+
+
+STEER_FIELDS = tuple(name for name in SteeringPlan._fields if name.startswith("steer_"))
+"""The fields of SteeringPlan that are angles, in the order in which they act."""
+steers_of: Callable[[SteeringPlan], tuple[float, ...]] = attrgetter(*STEER_FIELDS)
+
+CURVATURE_FIELDS = tuple(name for name in PathAhead._fields if name.startswith("curvature_"))
+"""The fields of PathAhead that are curvatures, from the preview point on."""
+curvatures_of: Callable[[PathAhead], tuple[float, ...]] = attrgetter(*CURVATURE_FIELDS)
 
 
 Message: TypeAlias = (

@@ -36,7 +36,10 @@ class FromController:
             return Refused.TOO_FAST
         number, self._last = self._number, (now_ns, steer_rad)
         self._number = (number + 1) % ours.COMMAND_COUNTERS
-        return [self._sender.frame((steer_rad, number, ours.Mode.ACTIVE))]
+        command = ours.SteeringCommand(
+            steer_rad=steer_rad, command_counter=number, mode=ours.Mode.ACTIVE
+        )
+        return [self._sender.frame(command)]
 
     def _is_too_fast(self, message: CarMessage, steer_rad: float, now_ns: int) -> bool:
         rate_rad_s = message.rate_max_rad_s
@@ -76,15 +79,24 @@ class FromPlant:
         known, made = self._known, list[ours.Message]()
         if Quantity.LATERAL_ERROR in values:
             error_m, heading_rad = known[Quantity.LATERAL_ERROR], known[Quantity.HEADING_ERROR]
-            made.append(ours.LateralError(error_m, heading_rad))
+            made.append(ours.LateralError(lateral_error_m=error_m, heading_error_rad=heading_rad))
         if Quantity.WHEEL_ANGLE in values:
             code = _CODES[_is_one(known[Quantity.APPLYING])]
             wheel_rad = known[Quantity.WHEEL_ANGLE]
-            made.append(ours.SteeringStatus(wheel_rad, self._command_counter, code))
+            applied = self._command_counter
+            made.append(
+                ours.SteeringStatus(wheel_angle_rad=wheel_rad, applied_counter=applied, status=code)
+            )
         if Quantity.SPEED in values:
             speed_m_s, yaw_rate_rad_s = known[Quantity.SPEED], known[Quantity.YAW_RATE]
             curvature_1_m = known[Quantity.PREVIEW_CURVATURE]
-            made.append(ours.VehicleState(speed_m_s, yaw_rate_rad_s, curvature_1_m))
+            made.append(
+                ours.VehicleState(
+                    speed_m_s=speed_m_s,
+                    yaw_rate_rad_s=yaw_rate_rad_s,
+                    preview_curvature_1_m=curvature_1_m,
+                )
+            )
         return [self._senders[type(one)].frame(one) for one in made]
 
 

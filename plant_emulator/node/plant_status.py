@@ -41,13 +41,13 @@ class PlantStatusFrames:
         self, network: Network, refused: int, safety: SafetyState, second_sender: SecondSender
     ) -> Frame:
         """Return the frame; ``refused`` counts the frames refused on arrival so far."""
-        status = (
-            self._latency_s(network.downlink.latest_latency_ns),
-            self._latency_s(network.uplink.latest_latency_ns),
-            network.lost % _LOST_COUNTERS,
-            refused % _REJECTED_COUNTERS,
-            safety,
-            second_sender,
+        status = PlantStatus(
+            downlink_latency_s=self._latency_s(network.downlink.latest_latency_ns),
+            uplink_latency_s=self._latency_s(network.uplink.latest_latency_ns),
+            lost=network.lost % _LOST_COUNTERS,
+            rejected=refused % _REJECTED_COUNTERS,
+            safety=safety,
+            second_sender=second_sender,
         )
         return self._sender.frame(status)
 

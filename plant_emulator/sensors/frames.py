@@ -5,6 +5,7 @@ from math import remainder, tau
 
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
+    CURVATURE_FIELDS,
     GroundTruth,
     LateralError,
     PathAhead,
@@ -20,9 +21,11 @@ from ...runtime.frame import Frame
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
 _WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
 _WHEEL_LOW_RAD, _WHEEL_HIGH_RAD = _WHEEL_RANGE
-_SPEED_RANGE, _YAW_RATE_RANGE, _CURVATURE_RANGE = limits(VehicleState).values()
+_SPEED_RANGE = limits(VehicleState)["speed_m_s"]
+_YAW_RATE_RANGE = limits(VehicleState)["yaw_rate_rad_s"]
+_CURVATURE_RANGE = limits(VehicleState)["preview_curvature_1_m"]
 _CG_RANGE = limits(GroundTruth)["cg_deviation_m"]
-_NO_ERROR = LateralError(0.0, 0.0)
+_NO_ERROR = LateralError(lateral_error_m=0.0, heading_error_rad=0.0)
 
 
 class SensorFrames:
@@ -48,7 +51,10 @@ class SensorFrames:
         """Return LATERAL_ERROR; NOT_AVAILABLE too far from the path."""
         if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
             # The sensor reports an angle within one turn.
-            return self._errors.frame((error_m, remainder(heading_rad, tau)))
+            turned_rad = remainder(heading_rad, tau)
+            return self._errors.frame(
+                LateralError(lateral_error_m=error_m, heading_error_rad=turned_rad)
+            )
         self.not_available += 1
         return self._errors.not_available(_NO_ERROR)
 
@@ -56,25 +62,28 @@ class SensorFrames:
         """Return STEERING_STATUS; ``applied`` is the counter of the command in effect."""
         if not _WHEEL_LOW_RAD <= wheel_rad <= _WHEEL_HIGH_RAD:
             wheel_rad = self._clamp(wheel_rad, _WHEEL_RANGE)
-        return self._statuses.frame((wheel_rad, applied, code))
+        return self._statuses.frame(
+            SteeringStatus(wheel_angle_rad=wheel_rad, applied_counter=applied, status=code)
+        )
 
     def vehicle_state(self, speed_m_s: float, yaw_rate_rad_s: float, curvature_1_m: float) -> Frame:
         """Return VEHICLE_STATE."""
-        state = (
-            self._clamp(speed_m_s, _SPEED_RANGE),
-            self._clamp(yaw_rate_rad_s, _YAW_RATE_RANGE),
-            self._clamp(curvature_1_m, _CURVATURE_RANGE),
+        state = VehicleState(
+            speed_m_s=self._clamp(speed_m_s, _SPEED_RANGE),
+            yaw_rate_rad_s=self._clamp(yaw_rate_rad_s, _YAW_RATE_RANGE),
+            preview_curvature_1_m=self._clamp(curvature_1_m, _CURVATURE_RANGE),
         )
         return self._states.frame(state)
 
     def ground_truth(self, cg_m: float) -> Frame:
         """Return GROUND_TRUTH; ``cg_m`` is the deviation of the centre of gravity."""
-        return self._truths.frame(GroundTruth(self._clamp(cg_m, _CG_RANGE)))
+        return self._truths.frame(GroundTruth(cg_deviation_m=self._clamp(cg_m, _CG_RANGE)))
 
     def path_ahead(self, spacing_m: float, curvatures_1_m: Sequence[float]) -> Frame:
         """Return PATH_AHEAD of the sample whose LATERAL_ERROR was made last."""
         sample = (self.next_sample - 1) % COUNTERS
-        return self._paths.frame(PathAhead(sample, spacing_m, *curvatures_1_m))
+        values = dict(zip(CURVATURE_FIELDS, curvatures_1_m, strict=True))
+        return self._paths.frame(PathAhead(path_sample=sample, path_spacing_m=spacing_m, **values))
 
     def _clamp(self, value: float, allowed: SignalRange) -> float:
         """Return the nearest value within the signal's range; the value is finite."""

@@ -2,10 +2,10 @@
 
 from math import ceil
 
-from ...dbc.messages import PathAhead, limits, resolutions
+from ...dbc.messages import CURVATURE_FIELDS, PathAhead, limits, resolutions
 from ..path.path import Path, curvature
 
-VALUES = sum(name.startswith("curvature_") for name in PathAhead._fields)
+VALUES = len(CURVATURE_FIELDS)
 _SPACINGS = limits(PathAhead)["path_spacing_m"]
 _RESOLUTION_M = resolutions(PathAhead)["path_spacing_m"]
 CURVATURES = limits(PathAhead)["curvature_0_1_m"]

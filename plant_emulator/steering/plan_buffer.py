@@ -14,10 +14,9 @@ import math
 from collections.abc import Sequence
 
 from ...dbc.codec.protection import COUNTERS
-from ...dbc.messages import SteeringCommand, SteeringPlan
+from ...dbc.messages import STEER_FIELDS, SteeringCommand, SteeringPlan, steers_of
 
-PLAN_VALUES = 18
-_FIRST_VALUE = len(SteeringPlan._fields) - PLAN_VALUES
+PLAN_VALUES = len(STEER_FIELDS)
 
 
 def has_run_out(age: int, spacing: int) -> bool:
@@ -66,6 +65,8 @@ class PlanBuffer:
         if has_run_out(age, plan.spacing):
             self.plan = None
             return None
-        steer_rad = planned_rad(age, plan.spacing, plan[_FIRST_VALUE:])
-        command = SteeringCommand(steer_rad, plan.plan_number, plan.mode)
+        steer_rad = planned_rad(age, plan.spacing, steers_of(plan))
+        command = SteeringCommand(
+            steer_rad=steer_rad, command_counter=plan.plan_number, mode=plan.mode
+        )
         return command, self._latency_s, is_new

@@ -148,7 +148,8 @@ class SmoothedTable:
         for _, message, counter, _, _ in taken.messages:
             if isinstance(message, LateralError):
                 sample = self._sample(self._errors, counter)
-                self._errors.append(_Error(sample, taken.at_s, *message))
+                error_m, heading_rad = message.lateral_error_m, message.heading_error_rad
+                self._errors.append(_Error(sample, taken.at_s, error_m, heading_rad))
             elif isinstance(message, SteeringStatus):
                 sample = self._sample(self._statuses, counter)
                 self._statuses.append(_Status(sample, message.wheel_angle_rad))

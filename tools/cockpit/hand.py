@@ -76,7 +76,8 @@ class HandNode:
         if steer_rad is None:
             return ()
         counter, self._count = self._count % COMMAND_COUNTERS, self._count + 1
-        return (self._commands.frame((steer_rad, counter, Mode.ACTIVE)),)
+        command = SteeringCommand(steer_rad=steer_rad, command_counter=counter, mode=Mode.ACTIVE)
+        return (self._commands.frame(command),)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

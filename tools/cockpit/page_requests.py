@@ -40,7 +40,13 @@ class SetLatency(Settings):
     def message(self) -> LatencyConfig:
         """What is sent for it."""
         way, own = Direction[self.direction.upper()], self.latency
-        return LatencyConfig(way, own.wire_model, own.mean_s, own.spread_s, own.loss)
+        return LatencyConfig(
+            direction=way,
+            model=own.wire_model,
+            mean_s=own.mean_s,
+            spread_s=own.spread_s,
+            loss=own.loss,
+        )
 
 
 class Disturb(Settings):
@@ -55,7 +61,10 @@ class Disturb(Settings):
     def message(self) -> DisturbanceConfig:
         """What is sent for it."""
         return DisturbanceConfig(
-            self.side_force_n, 0.0, self.steering_offset_rad, 1.0 - self.friction
+            side_force_n=self.side_force_n,
+            yaw_moment_n_m=0.0,
+            steering_offset_rad=self.steering_offset_rad,
+            friction_loss=1.0 - self.friction,
         )
 
 

@@ -113,7 +113,10 @@ class WorkingNode:
         self._controller = ControllerNode(settings, start_ns)
         self._period_ns = settings.period_ns
         self._frames = [
-            encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
+            encode(
+                LateralError(lateral_error_m=0.01 * math.sin(0.1 * counter), heading_error_rad=0.0),
+                counter,
+            )
             for counter in range(COUNTERS)
         ]
         self._end_ns, self._clock_ns = end_ns, clock_ns

@@ -45,12 +45,14 @@ class OurFrames:
 
     def command(self, steer_rad: float, number: int) -> Frame:
         """Return a command."""
-        message = SteeringCommand(steer_rad, number % COMMAND_COUNTERS, Mode.ACTIVE)
+        counter = number % COMMAND_COUNTERS
+        message = SteeringCommand(steer_rad=steer_rad, command_counter=counter, mode=Mode.ACTIVE)
         return encode(message, number % COUNTERS)
 
     def measurement(self, number: int) -> Frame:
         """Return a measurement of 0."""
-        return encode(LateralError(0.0, 0.0), number % COUNTERS)
+        message = LateralError(lateral_error_m=0.0, heading_error_rad=0.0)
+        return encode(message, number % COUNTERS)
 
     def next_of(self, frame: Frame, steer_rad: float) -> Frame | None:
         """Return the command that would follow a frame; None for neither a command nor a plan."""
@@ -58,7 +60,7 @@ class OurFrames:
         plan = decoded.message if isinstance(decoded, Decoded) else None
         if isinstance(plan, SteeringPlan) and isinstance(decoded, Decoded):
             number = (plan.plan_number + 1) % COMMAND_COUNTERS
-            command = SteeringCommand(steer_rad, number, plan.mode)
+            command = SteeringCommand(steer_rad=steer_rad, command_counter=number, mode=plan.mode)
             return encode(command, (decoded.counter + 1) % COUNTERS)
         if frame.can_id != CAN_IDS[SteeringCommand]:
             return None
@@ -68,5 +70,7 @@ class OurFrames:
         """Return the content of a status under the identifier of this frame."""
         decoded = decode(frame)
         counter = decoded.counter if isinstance(decoded, Decoded) else 0
-        status = encode(SteeringStatus(0.0, 0, SteeringStatusCode.APPLYING), counter)
-        return frame._replace(data=status.data)
+        status = SteeringStatus(
+            wheel_angle_rad=0.0, applied_counter=0, status=SteeringStatusCode.APPLYING
+        )
+        return frame._replace(data=encode(status, counter).data)

@@ -313,6 +313,9 @@ class Function:
                 return self._replaced(node, self._expression(value))
             case ast.Call(func=called, args=arguments, keywords=[]):
                 return self._call(node, self._meant(called), arguments)
+            case ast.Call(func=called, args=[], keywords=named) if self._is_record(called):
+                kind = self._meant(called)
+                return self._call(node, kind, self._in_order(node, kind, named))
         return self._refuse(node)
 
     def _number(self, value: float) -> Text:
@@ -417,6 +420,20 @@ class Function:
             passed.append(value.address if isinstance(value.kind, Record) else value.text)
         call = f"{other.name}({', '.join(passed)})"
         return Text(call, _ATOM, other.result, is_kept=False)
+
+    def _is_record(self, called: ast.expr) -> bool:
+        kind = self._meant(called)
+        return isinstance(kind, type) and issubclass(kind, tuple)
+
+    def _in_order(
+        self, node: ast.Call, called: object, named: Sequence[ast.keyword]
+    ) -> list[ast.expr]:
+        """Return the values of a record that is made by the names of all its fields."""
+        kind = self._kind(node, called)
+        names = [name for name, _ in kind.fields] if isinstance(kind, Record) else []
+        if [it.arg for it in named] != names:
+            self._refuse(node, "names that are not those of a record's fields, in their order")
+        return [it.value for it in named]
 
     def _valued(self, node: ast.expr, kind: Kind) -> str:
         """Return an expression of a kind, a tuple as a literal of its record."""
