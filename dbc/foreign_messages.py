@@ -13,6 +13,7 @@ from cantools.database.can import Database, Message
 from ..runtime.exit_status import one_line
 from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
 from ..runtime.frame.length_with_stuff_bits import padded_length
+from ..runtime.settings.settings import encoding_of
 
 
 class ListedMessage(NamedTuple):
@@ -27,7 +28,7 @@ class ListedMessage(NamedTuple):
     can_id: int
     flags: int
     length: int
-    cycle_ms: int | None
+    cycle_ms: float | None
     senders: tuple[str, ...]
 
     @property
@@ -37,20 +38,54 @@ class ListedMessage(NamedTuple):
 
 
 def read_message_set(path: Path) -> tuple[ListedMessage, ...]:
-    """Read a database; raises OSError, and ValueError for what is not one or holds no frames."""
-    if path.is_file() and not path.stat().st_size:
-        raise ValueError(f"{path}: is empty")
+    """Read a database of one bus; raises OSError, and ValueError for any other file."""
+    messages = load_database(path).messages
+    buses = sorted({message.bus_name for message in messages if message.bus_name})
+    if len(buses) > 1:
+        raise ValueError(
+            f"{path}: holds the messages of several buses ({', '.join(buses)}), which do not wait "
+            "for each other: give a file with those of one bus"
+        )
+    return tuple(_listed(message, path) for message in messages)
+
+
+def load_database(path: Path) -> Database:
+    """Read a database with any byte order mark; raises OSError, and ValueError for another file."""
     # It warns of identifiers that come twice, which callers refuse in a line of their own.
     logging.getLogger("cantools").addHandler(logging.NullHandler())
+    raw = path.read_bytes()
+    if not raw:
+        raise ValueError(f"{path}: is empty")
+    kind = path.suffix.lower().removeprefix(".")
+    encoding = encoding_of(raw)
+    if encoding == "utf-8" and kind in {"dbc", "sym"}:  # as Vector's and PEAK's tools write them
+        encoding = "cp1252"
+    text = raw.decode(encoding, errors="replace")
     try:
-        database = cantools.database.load_file(path, strict=False)
-    except OSError:
-        raise
+        database = cantools.database.load_string(
+            text, kind if kind in {"arxml", "dbc", "kcd", "sym"} else None, strict=False
+        )
     except Exception as error:  # cantools raises more than its own exceptions for a damaged file
         raise ValueError(f"{path}: {one_line(error)}") from error
     if not isinstance(database, Database):
         raise ValueError(f"{path}: not a database of CAN messages")
-    return tuple(_listed(message, path) for message in database.messages)
+    for message in database.messages:
+        flags = [one for one in message.signals if one.length == 1 and one.is_signed]
+        for flag in flags:  # BUSMASTER's; as a number 1 on the wire would be -1
+            flag.is_signed = False
+        if flags:
+            message.refresh(strict=False)
+    return database
+
+
+def cycle_ms_of(message: Message) -> float | None:
+    """Return a message's cycle time; None for one that is sent on events [ms].
+
+    A default of the database holds for what is sent in cycles alone.
+    """
+    has_own = message.dbc is None or "GenMsgCycleTime" in message.dbc.attributes
+    is_cyclic = has_own or "cyclic" in str(message.send_type or "cyclic").lower()
+    return max(message.cycle_time or 0, 0) or None if is_cyclic else None
 
 
 def _listed(message: Message, path: Path) -> ListedMessage:
@@ -63,5 +98,7 @@ def _listed(message: Message, path: Path) -> ListedMessage:
         if fits is None:
             raise ValueError(f"{path}: {message.name} has {message.length} bytes; a frame has 64")
         length = fits
-    cycle_ms, senders = max(message.cycle_time or 0, 0) or None, tuple(message.senders)
-    return ListedMessage(message.name, message.frame_id, flags, length, cycle_ms, senders)
+    senders = tuple(message.senders)
+    return ListedMessage(
+        message.name, message.frame_id, flags, length, cycle_ms_of(message), senders
+    )

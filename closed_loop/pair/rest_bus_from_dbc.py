@@ -70,7 +70,7 @@ def rest_of(
         rest = draw.randbytes(max(0, message.length - 1))
         payloads = [(bytes([count]) + rest)[: message.length] for count in range(COUNTS)]
         node = nodes.setdefault((message.senders or (message.name,))[0], -1 - len(nodes))
-        period_ns = (message.cycle_ms or 0) * NS_PER_MS
+        period_ns = round((message.cycle_ms or 0) * NS_PER_MS)
         frames = tuple(Frame(message.can_id, payload, message.flags) for payload in payloads)
         sent.append(PeriodicMessage(message.name, node, frames, period_ns))
     return sent if load is None else _scaled(sent, load, bitrate_bit_s)

@@ -19,6 +19,8 @@ from ...runtime.frame.length_with_stuff_bits import padded_length
 from .checksum import E2eRule, Rule
 from .settings import UNITS, MessageSettings, Quantity
 
+_NULL_ADDRESS = 0xFE
+
 
 class Refused(StrEnum):
     """Why a frame of the peer was not taken."""
@@ -47,6 +49,7 @@ class CarMessage:
     ``can_id``, ``flags``  of its frames
     ``carries``            the quantities in it, each in one signal or several
     ``counters``           how many values its counter has, 1 without one
+    ``is_from_any_address``  whether the database leaves J1939's source address open
     """
 
     def __init__(
@@ -55,6 +58,9 @@ class CarMessage:
         self.name, self.settings, self.can_id = message.name, settings, message.frame_id
         self.flags = EXTENDED if message.is_extended_frame else 0
         self.flags |= FD | BITRATE_SWITCH if message.is_fd or message.length > 8 else 0
+        self.is_from_any_address = (
+            message.protocol == "j1939" and self.can_id & 0xFF == _NULL_ADDRESS
+        )
         self._length = message.length
         padded = padded_length(message.length) or message.length
         self._padding = bytes(padded - message.length)

@@ -1,20 +1,18 @@
 """A car's dialect, read from its file and checked against the car's database."""
 
-import logging
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import cantools.database
-from cantools.database.can import Database, Message
+from cantools.database.can import Message
 
-from ...runtime.exit_status import one_line
 from ...runtime.node.end import End
 from ...runtime.settings import SettingsError, load_settings
 from ...runtime.settings.mistakes import hint
+from ..foreign_messages import load_database
 from ..messages import CAN_IDS, MESSAGE_TYPES, VehicleState
 from .car_message import CarMessage, raw_constant
-from .impossible import mistakes_in, refuses_itself
+from .impossible import ambiguity, mistakes_in, refuses_itself
 from .quantities import COMMANDS, SAID_BY
 from .settings import DialectSettings, Quantity
 
@@ -60,7 +58,8 @@ def read_dialect(file: Path) -> Dialect:
     """Return the dialect of a file; raises SettingsError with a line for each mistake."""
     settings = load_settings(DialectSettings, file=file)
     database = file.parent / settings.dbc
-    known = read_database(database, f"{file}: dbc")
+    listed = read_database(database, f"{file}: dbc")
+    known = {message.name: message for message in listed}
     mistakes = [
         f"keep: {name} is no message of ours ({hint(name, MESSAGE_TYPES)})"
         for name in settings.keep
@@ -73,6 +72,9 @@ def read_dialect(file: Path) -> Dialect:
         message = known.get(name)
         if message is None:
             mistakes.append(f"{where}: {settings.dbc} has no such message ({hint(name, known)})")
+            continue
+        if why := ambiguity(message, listed):
+            mistakes.append(f"{where}: {why}")
             continue
         if message.frame_id in kept and not message.is_extended_frame:
             own = kept[message.frame_id]
@@ -100,15 +102,11 @@ def read_dialect(file: Path) -> Dialect:
     return dialect
 
 
-def read_database(file: Path, where: str) -> Mapping[str, Message]:
-    """Return the messages of a database by name; raises SettingsError."""
-    logging.getLogger("cantools").addHandler(logging.NullHandler())
+def read_database(file: Path, where: str) -> Sequence[Message]:
+    """Return the messages of a database; raises SettingsError."""
     try:
-        database = cantools.database.load_file(file, strict=False)
+        return load_database(file).messages
     except OSError as error:
         raise SettingsError(f"{where}: {file}: {error.strerror}") from error
-    except Exception as error:  # cantools raises more than its own exceptions for a damaged file
-        raise SettingsError(f"{where}: {file}: {one_line(error)}") from error
-    if not isinstance(database, Database):
-        raise SettingsError(f"{where}: {file}: not a database of CAN messages")
-    return {message.name: message for message in database.messages}
+    except ValueError as error:
+        raise SettingsError(f"{where}: {error}") from error

@@ -1,6 +1,7 @@
 """Mistakes in the file of a dialect: what it asks of a message and the database rules out."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from itertools import chain, combinations, product
 
 from cantools.database.can import Message, Signal
@@ -51,6 +52,17 @@ def mistakes_in(message: Message, settings: MessageSettings) -> Iterator[str]:
         found = [(key, signals[name]) for key, name in named]
         yield from _shared_bits(message, found)
         yield from _mistakes_in_signals(found, settings)
+
+
+def ambiguity(message: Message, messages: Iterable[Message]) -> str:
+    """Return why names say too little of a message of the database; empty where they are enough."""
+    same = [f"{one.frame_id:#x}" for one in messages if one.name == message.name]
+    if len(same) > 1:
+        return f"{len(same)} messages of the database have this name: {', '.join(same)}"
+    counts = Counter(signal.name for signal in message.signals)
+    twice = [name for name, count in counts.items() if count > 1]
+    what = "signals of the database have one name, under several values of a multiplexer"
+    return f"{what}: {', '.join(twice)}" if twice else ""
 
 
 def refuses_itself(message: CarMessage) -> str:

@@ -1,5 +1,6 @@
 """A first mapping from a database alone: the likely signals by name, each guess with its reason."""
 
+import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -8,8 +9,10 @@ from typing import NamedTuple
 from cantools.database.can import Message, Signal
 
 from ...runtime.node.end import End
+from ..foreign_messages import cycle_ms_of
 from .car_message import signal_range
-from .settings import Quantity
+from .impossible import ambiguity
+from .settings import CYCLE_MS_MAX, CYCLE_MS_MIN, Quantity
 
 CYCLE_MS = 20
 """Of a message whose cycle the database does not tell."""
@@ -76,7 +79,7 @@ def proposal(messages: Sequence[Message], dbc: Path) -> str:
         f"# A first mapping of {dbc.name}; each line with '# guess' is one. Check it with the car,",
         "# add constants that your controller needs to see, and messages that it waits for; then:",
         "# steer-by-wire dialect check FILE",
-        f'dbc = "{dbc.name}"',
+        f"dbc = {_quoted(dbc.name)}",
         keep,
         "",
     ]
@@ -84,7 +87,9 @@ def proposal(messages: Sequence[Message], dbc: Path) -> str:
         sender = End.CONTROLLER if message.name in commands else End.PLANT
         guesses = list(_guesses(message, sender))
         guesses += [lateral[1]] if lateral is not None and lateral[0] is message else []
-        if guesses:
+        if guesses and (why := ambiguity(message, messages)):
+            blocks += [f"# {_key(message.name)} is left out: {why}", ""]
+        elif guesses:
             blocks += [*_block(message, sender, guesses), ""]
     return "\n".join(blocks)
 
@@ -142,31 +147,40 @@ def _unit_of(signal: Signal) -> str:
     return next((name for pattern, name in _UNITS if re.search(pattern, unit, re.IGNORECASE)), "")
 
 
+def _key(name: str) -> str:
+    """Return a name as TOML takes it for a key."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _quoted(name)
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text)
+
+
 def _block(message: Message, sender: str, guesses: Sequence[Guess]) -> list[str]:
-    lines = [f"[messages.{message.name}]"]
+    lines = [f"[messages.{_key(message.name)}]"]
     if sender == End.CONTROLLER:
         lines.append('sender = "controller"')
-    known = message.cycle_time
-    lines.append(
-        f"cycle_ms = {known or CYCLE_MS}" + ("" if known else "  # guess: not in the database")
-    )
+    known = cycle_ms_of(message)
+    cycle_ms = min(max(known or CYCLE_MS, CYCLE_MS_MIN), CYCLE_MS_MAX)
+    why = "" if known == cycle_ms else f"  # guess: {known or 'not'} in the database"
+    lines.append(f"cycle_ms = {cycle_ms:g}{why}")
     for signal, quantity, unit, why, factor in guesses:
         hint = "; ratio of hand wheel to road wheel" if quantity in _HAND_WHEEL else ""
         ratio = f", ratio = {factor}" if factor != 1.0 else ""
         carries = f'{{ carries = "{quantity}", unit = "{unit}"{ratio} }}'
-        lines.append(f"signals.{signal.name} = {carries}  # guess: {why}{hint}")
+        lines.append(f"signals.{_key(signal.name)} = {carries}  # guess: {why}{hint}")
     taken = {guess.signal.name for guess in guesses}
     rest = [signal for signal in message.signals if signal.name not in taken]
     if sender == End.CONTROLLER:
         switch = next((one for one in rest if one.length <= 3 and _ENGAGED.search(one.name)), None)
         if switch is not None:
             carries = '{ carries = "engaged" }'
-            lines.append(f"signals.{switch.name} = {carries}  # guess: by its name")
+            lines.append(f"signals.{_key(switch.name)} = {carries}  # guess: by its name")
     counter = next((one.name for one in rest if _COUNTER.search(one.name)), None)
     if counter is not None:
-        lines.append(f'counter = "{counter}"  # guess: by its name')
+        lines.append(f"counter = {_quoted(counter)}  # guess: by its name")
     checksum = next((one.name for one in rest if _CHECKSUM.search(one.name)), None)
     if checksum is not None:
-        rule = f'{{ signal = "{checksum}", rule = "sum" }}'
+        rule = f'{{ signal = {_quoted(checksum)}, rule = "sum" }}'
         lines.append(f"# checksum = {rule}  # guess: sum, crc, e2e_p05 or package.module:FUNCTION")
     return lines

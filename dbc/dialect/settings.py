@@ -53,6 +53,9 @@ UNITS = MappingProxyType(
 """How many of each are one SI unit."""
 
 
+CYCLE_MS_MIN, CYCLE_MS_MAX = 1.0, 60_000.0
+
+
 class SignalSettings(Settings):
     """One signal: value = quantity in ``unit`` times ``ratio``, plus ``offset``."""
 
@@ -70,7 +73,7 @@ class MessageSettings(Settings):
     """One message of the car."""
 
     sender: End = End.PLANT
-    cycle_ms: float = Field(ge=1.0, le=60_000.0)
+    cycle_ms: float = Field(ge=CYCLE_MS_MIN, le=CYCLE_MS_MAX)
     signals: dict[str, SignalSettings] = Field(default_factory=dict)
     constants: dict[str, float | str] = Field(default_factory=dict)
     """Values of other signals, as numbers or by their names in the database; the rest is raw 0."""

@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _new(options: argparse.Namespace) -> int:
     messages = read_database(options.database, "database")
-    print(proposal([*messages.values()], options.database), end="")
+    print(proposal(messages, options.database), end="")
     return ExitStatus.OK
 
 
@@ -85,6 +85,9 @@ def _check(options: argparse.Namespace) -> int:
     run_virtual_nodes(edge, controller, bus, options.out, in_vain)
     for program, gateway in ((PLANT_PROGRAM, edge), (CONTROLLER_PROGRAM, controller)):
         print(f"{program.replace('_', ' ')}: {translated_text(gateway.report()['dialect'])}")
+    if not edge.report()["dialect"]["accepted"]:
+        print("no command was accepted: the mapping does not carry the loop")
+        return ExitStatus.CONDITION
     return ExitStatus.OK
 
 
