@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = make_parser(
         NAME,
-        "Holds a vehicle on its path at a fixed rate, over a CAN bus.",
+        "Hold a vehicle on its path at a fixed rate, over a CAN bus.",
         f"{NAME} --preset practical_pd_ddob",
         PRESETS,
         ControllerSettings,
@@ -77,7 +77,7 @@ def check_main(arguments: Sequence[str] | None = None) -> int:
     """Analyse a controller without running it; returns the exit status."""
     parser = command_parser(
         CHECK_NAME,
-        "Prints the settings in effect, the poles, and what delay and jitter the loop tolerates.",
+        "Print the settings in effect, the poles, and what delay and jitter the loop tolerates.",
         f"{CHECK_NAME} --preset practical_pd_ddob",
         "[SETTINGS.toml] [options]",
     )

@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = make_parser(
         NAME,
-        "Emulates vehicle, path, actuator and network latency on a CAN bus.",
+        "Emulate vehicle, path, actuator and network latency on a CAN bus.",
         f"{NAME} --preset paper_nominal --seed 7 --set latency.downlink.mean_s=0.08",
         PRESETS,
         PlantSettings,

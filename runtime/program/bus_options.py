@@ -28,7 +28,7 @@ def add_traffic_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--load", type=_number, metavar="SHARE",
-        help=f"bus load of these or a built-in set, at most {LOAD_MAX:g}",
+        help=f"bus load of these messages or of a built-in set, at most {LOAD_MAX:g}",
     )  # fmt: skip
 
 
@@ -49,7 +49,7 @@ def add_error_arguments(parser: argparse.ArgumentParser, clocks_of: str = "") ->
     if clocks_of:
         group.add_argument(
             "--clock", type=_clock, action="append", default=[], metavar="NODE=PPM[:PPM_S]",
-            help=f"by which the timers of {clocks_of} run fast, and its change",
+            help=f"how much too fast the timers of {clocks_of} run, and its change per second",
         )  # fmt: skip
 
 

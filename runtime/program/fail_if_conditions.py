@@ -95,7 +95,7 @@ def add_fail_if_argument(
     parser.add_argument(
         "--fail-if", action="append", default=[], type=condition_of(quantities),
         metavar="CONDITION",
-        help=f"end with status 6 if it holds, such as 'rms_m > 0.02'; repeatable; of: "
+        help=f"end with status 6 if it is met, such as 'rms_m > 0.02'; repeatable; of: "
         f"{', '.join(quantities)}",
     )  # fmt: skip
 

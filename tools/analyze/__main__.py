@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--smooth", type=Path, metavar="VEHICLE.toml",
         help="also write smoothed.csv: vehicle state and disturbance, with standard deviations,"
-        " for [vehicle] of a file",
+        " of the [vehicle] in a file",
     )  # fmt: skip
     parser.add_argument(
         "--verdict-set", action="append", default=[], metavar="KEY=VALUE",

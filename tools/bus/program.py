@@ -176,7 +176,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )  # fmt: skip
     add_json_argument(parser, shows=False)
     parser.add_argument(
-        "--verbose", action="store_true", help="also print clients that join and leave in order"
+        "--verbose", action="store_true", help="also print when clients join and leave"
     )
     add_traffic_arguments(parser)
     add_error_arguments(parser)

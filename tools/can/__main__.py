@@ -1,4 +1,4 @@
-"""Bounds the response times of messages on a CAN bus.
+"""Bound the response times of messages on a CAN bus.
 
 steer-by-wire can response-times FILE.dbc...
 """

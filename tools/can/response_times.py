@@ -1,4 +1,4 @@
-"""Bounds the response time of each message on a CAN bus.
+"""Bound the response time of each message on a CAN bus.
 
     steer-by-wire can response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS]
 

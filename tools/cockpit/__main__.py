@@ -76,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--beside",
         action="store_true",
-        help=f"each RECORDING is a car of its own beside the others, up to {LANES_MAX}",
+        help=f"show each RECORDING as a car of its own, up to {LANES_MAX}",
     )
     parser.add_argument(
         "--log-channel", metavar="NAME", help="channel to replay, if there are several"
@@ -101,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--no-browser", dest="browser", action="store_false", help="only print the address"
     )
-    add_dialect_argument(parser, "read the bus as that of a car, and let own programs speak so")
+    add_dialect_argument(parser, "read the messages of a car, and start programs that speak them")
     add_bus_arguments(parser)
     add_traffic_arguments(parser)
     add_error_arguments(parser)

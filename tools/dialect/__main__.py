@@ -1,4 +1,4 @@
-"""Prints a first mapping for a database, or checks one and drives it for a minute.
+"""Print a first mapping for a database, or check a mapping in a run of a minute.
 
 steer-by-wire dialect new my.dbc > car.toml
 steer-by-wire dialect check car.toml --out traffic.log

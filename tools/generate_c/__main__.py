@@ -1,4 +1,4 @@
-"""Writes a controller as C99: a law from the functions that run in Python, and the node around it.
+"""Write a controller as C99: a law from the functions that run in Python, and the node around it.
 
 steer-by-wire generate-c --preset practical_pd_ddob --out law
 """

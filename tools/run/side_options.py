@@ -29,7 +29,7 @@ def add_side_arguments(parser: argparse.ArgumentParser, default: str) -> None:
     """
     preset = parser.add_argument(
         "--preset", type=_preset, action="append", default=[], metavar="NAME",
-        help=f"of plant or controller, one each (default: {default}): {', '.join(_names())}",
+        help=f"preset of plant or controller, one each (default: {default}): {', '.join(_names())}",
     )  # fmt: skip
     offer(preset, _names)
     override = parser.add_argument(
