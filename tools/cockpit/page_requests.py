@@ -23,7 +23,7 @@ from .lane import Lane
 from .lanes import Action, OwnLanes, Program, lane_facts
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
 from .score import BestOfTheDay
-from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
+from .signals import ROW_PERIOD_S, shown
 
 LISTENS_ONLY = "this page only listens; --allow-control lets it change the latency"
 NOT_OURS = "only the pairs that the cockpit has started itself can be started, killed or paused"
@@ -196,9 +196,7 @@ class Desk:
         facts = [lane_facts("bus")] if self._own is None else self._own.facts
         return {
             "kind": "hello",
-            "signals": [signal._asdict() for signal in SIGNALS],
-            "charts": [chart._asdict() for chart in CHARTS],
-            "figures": [figure._asdict() for figure in FIGURES],
+            **shown(),
             "row_period_s": ROW_PERIOD_S,
             "lanes": [lane._asdict() for lane in facts],
             "bus": self._bus if self._own is None else self._own.bus,

@@ -22,7 +22,7 @@ from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .lanes import lane_facts
 from .sampler import Sampler
-from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS, packed_row, packed_rows
+from .signals import ROW_PERIOD_S, packed_row, packed_rows, shown
 
 ROWS_MAX = 100_000
 """Half an hour at the rate of a live page."""
@@ -73,9 +73,7 @@ def _block(lanes: Sequence[tuple[Mapping[str, Any], bytes]], names: str) -> byte
     facts = [facts for facts, _ in lanes]
     head = {
         "kind": "replay",
-        "signals": [signal._asdict() for signal in SIGNALS],
-        "charts": [chart._asdict() for chart in CHARTS],
-        "figures": [figure._asdict() for figure in FIGURES],
+        **shown(),
         "lanes": facts,
         "bus": f"recording {names}",
         "row_period_s": max(lane["row_period_s"] for lane in facts),

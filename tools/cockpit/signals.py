@@ -7,8 +7,8 @@ row      time [s] f64, columns f32
 """
 
 import struct
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 ROW_PERIOD_S = 0.02
 """Between two rows of a live lane."""
@@ -86,6 +86,15 @@ FIGURES: tuple[Figure, ...] = (
     Figure("Round trip", "round_trip_s", "from a command to the first measurement that shows it"),
     Figure("Speed", "speed_m_s", "forward speed"),
 )
+
+
+def shown() -> Mapping[str, Any]:
+    """Return signals, charts and figures, ready for JSON."""
+    return {
+        "signals": [one._asdict() for one in SIGNALS],
+        "charts": [one._asdict() for one in CHARTS],
+        "figures": [one._asdict() for one in FIGURES],
+    }
 
 
 _HEADER = struct.Struct("<BBHI")

@@ -223,14 +223,19 @@ def judge_law(study: Study, law: str, values: Values) -> Judgement:
     ]
     cells = sum(grid.plants.shape[1] * grid.plants.shape[2] for grid in study.stability.values())
     slow = sum(demand.value for demand in demands)
-    if "settling" in study.without:
-        slow += _diverging(study, design)
+    if "settling" in study.without:  # unstable or nearly so
+        slow += sum(not each.is_stable(study.spec.delays_ns[-1]) for each in _loops(study, design))
     if slow:
-        violation = _UNSTABLE + slow / cells + _slowness(study, design)
+        violation = _UNSTABLE + slow / cells + _slowness(study, _loops(study, design))
         return Judgement(np.inf, violation, tuple(demands))
     if not study.without.issuperset(_OF_THE_PD):
         demands += _region(study, pd_design)
-    demands += _frequency(study, design)
+    figures = loop_figures(study.frequency, design)
+    peak, noise_rad_m = figures.peak_sensitivity.max(), figures.noise_gain_rad_m.max()
+    demands += [
+        Demand("peak sensitivity", float(peak), study.spec.peak_sensitivity_max),
+        Demand("noise gain", float(noise_rad_m), study.spec.noise_gain_rad_m_max),
+    ]
     if sum(demand.excess for demand in _made(study, demands)) > _NEARLY_MET:
         return _judged(study, np.inf, demands)
     demands += _runs(study, design, law)
@@ -252,21 +257,16 @@ def _judged(study: Study, objective: float, demands: list[Demand]) -> Judgement:
     return Judgement(objective, sum(demand.excess for demand in made), made)
 
 
-def _diverging(study: Study, design: LawDesign) -> int:
-    """Return how many loops are unstable or nearly so, where settling is not demanded."""
-    return sum(
-        not SampledLoop(design, model, study.spec.period_ns).is_stable(study.spec.delays_ns[-1])
-        for model in study.models
-    )
+def _loops(study: Study, design: LawDesign) -> list[SampledLoop]:
+    return [SampledLoop(design, model, study.spec.period_ns) for model in study.models]
 
 
-def _slowness(study: Study, design: LawDesign) -> float:
+def _slowness(study: Study, loops: Iterable[SampledLoop]) -> float:
     """Return by how much the loops are too slow, at the shortest and the longest delay.
 
     It leads a search out of regions where the count of slow loops is the same everywhere.
     """
     demanded_1_s = study.spec.d_stability.settling_1_s
-    loops = [SampledLoop(design, model, study.spec.period_ns) for model in study.models]
     lacking = [
         max(0.0, demanded_1_s - loop.decay_1_s(delay_ns))
         for loop in loops
@@ -279,8 +279,7 @@ def _region(study: Study, pd_design: LawDesign) -> list[Demand]:
     """Return how many loops of the PD alone fail each part of the D-stability."""
     table, period_ns = study.spec.d_stability, study.spec.period_ns
     parts = []
-    for model in study.models:
-        loop = SampledLoop(pd_design, model, period_ns)
+    for loop in _loops(study, pd_design):
         for delay_ns in table.delays_ns:
             roots = in_s_plane(loop.closed_loop_poles(delay_ns), period_ns)
             parts.append(judge(table.demands, roots[None]))
@@ -290,16 +289,6 @@ def _region(study: Study, pd_design: LawDesign) -> list[Demand]:
         "PD bandwidth": sum(not part.dominant[0] for part in parts),
     }
     return [Demand(name, count / len(parts), 0.0) for name, count in failing.items()]
-
-
-def _frequency(study: Study, design: LawDesign) -> list[Demand]:
-    figures = loop_figures(study.frequency, design)
-    spec = study.spec
-    peak, noise_rad_m = figures.peak_sensitivity.max(), figures.noise_gain_rad_m.max()
-    return [
-        Demand("peak sensitivity", float(peak), spec.peak_sensitivity_max),
-        Demand("noise gain", float(noise_rad_m), spec.noise_gain_rad_m_max),
-    ]
 
 
 def _runs(study: Study, design: LawDesign, law: str) -> list[Demand]:

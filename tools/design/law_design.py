@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from .search.parameter_search import Found, find, is_possible
 from .specification import Specification
 from .tracking import rms_m, tracking_grid
 from .vehicle_file import VehicleFile
-from .virtual_check import drive, drives, jittered
+from .virtual_check import drive, jittered, plants
 
 _MOVE = 0.1
 """Share by which a parameter is moved to see what it does."""
@@ -48,12 +47,8 @@ class NoDesignError(Exception):
     """
 
     def __init__(self, reason: str, found: Found) -> None:
-        super().__init__(reason, found)
-        self.reason = reason
+        super().__init__(reason)
         self.found = found
-
-    def __str__(self) -> str:
-        return self.reason
 
 
 class RmsByDelay(NamedTuple):
@@ -107,8 +102,8 @@ def describe(study: Study, found: Found) -> Design:
     spec, vehicle, law = study.spec, study.vehicle, found.law
     settings = controller_settings(spec, vehicle, law, found.values)
     by_delay = rms_by_delay(study, settings, found)
-    asked = drives(spec, vehicle, settings, map(jittered, spec.jitter))
-    jitter_m = np.array([drive(one).rms_m for one in asked])
+    asked = plants(spec, vehicle, map(jittered, spec.jitter))
+    jitter_m = np.array([drive(plant, settings).rms_m for plant in asked])
     worst_m = jitter_m.reshape(-1, max(1, len(spec.jitter))).max(axis=0, initial=0.0)
     return Design(
         law,
@@ -151,56 +146,19 @@ def _nearest(found: Found) -> str:
 
 
 def _why_no_design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progress) -> str:
-    """Return whether a design exists without one of the demands, or with separate gains for two
-    halves of the box.
-    """
-    share = 1.0 / (len(DEMANDS) + 2 * len(vehicle.box.ranges))
-    searches = count()
+    """Return without which of the demands a design exists."""
 
-    def is_one_possible(box: VehicleFile, *without: str) -> bool:
-        begun = next(searches)
-
+    def is_one_possible(place: int, without: str) -> bool:
         def show(done: float, best: float) -> None:
-            progress(min(1.0, share * (begun + done)), best)
+            progress((place + done) / len(DEMANDS), best)
 
-        study = make_study(spec, box, fine=False, without=frozenset(without))
+        study = make_study(spec, vehicle, fine=False, without=frozenset({without}))
         return is_possible(study, law, show)
 
-    culprits = [name for name in DEMANDS if is_one_possible(vehicle, name)]
-    dropped = (
-        f"without one of these there is a design: {', '.join(culprits)}"
-        if culprits
-        else "with any single demand dropped none was found either"
-    )
-    halved = [
-        f"{field} at {middle:g}"
-        for field, middle, halves in split_boxes(vehicle)
-        if all(is_one_possible(half) for half in halves)
-    ]
-    split = (
-        f"split the box into two designs at one of these: {', '.join(halved)}"
-        if halved
-        else "no split of the box in two halves helps"
-    )
-    return f"{dropped}; {split}"
-
-
-def split_boxes(
-    vehicle: VehicleFile,
-) -> Iterator[tuple[str, float, tuple[VehicleFile, VehicleFile]]]:
-    """Yield the two halves of the box for each of its ranges, the nominal vehicle in the middle."""
-    for field, minimum, maximum in vehicle.box.ranges:
-        middle = 0.5 * (minimum + maximum)
-        low, high = (
-            vehicle.model_copy(
-                update={
-                    "vehicle": vehicle.vehicle.model_copy(update={field: 0.5 * (begin + end)}),
-                    "uncertainty": vehicle.uncertainty.model_copy(update={field: (begin, end)}),
-                }
-            )
-            for begin, end in ((minimum, middle), (middle, maximum))
-        )
-        yield field, middle, (low, high)
+    culprits = [name for place, name in enumerate(DEMANDS) if is_one_possible(place, name)]
+    if culprits:
+        return f"without one of these there is a design: {', '.join(culprits)}"
+    return "with any single demand dropped none was found either"
 
 
 def reasons(study: Study, law: str, values: Values) -> Iterator[Reason]:

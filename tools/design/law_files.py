@@ -7,6 +7,7 @@ from typing import NamedTuple
 from ...closed_loop.reports.plot_style import plot_style
 from ...controller.laws.law_from_settings import required
 from ...controller.settings import ControllerSettings
+from ...runtime.output_file import write_text
 from .demands import Demand
 from .law_design import Design, NoDesignError, design
 from .predictor_design import design_predictor, predictor_demands
@@ -16,7 +17,6 @@ from .report import (
     draw_design,
     predictor_figures,
     predictor_preset_text,
-    preset_name,
     preset_text,
     reason_lines,
     unmet_lines,
@@ -67,7 +67,8 @@ class Outcome(NamedTuple):
 
 def run_job(job: Job) -> Outcome:
     """Design a law and write its preset and its picture; what meets not all demands, as unmet."""
-    files = LawFiles(job.preset_folder, preset_name(job.spec, job.law))
+    name, folder = f"{job.spec.name}_{job.law}", job.preset_folder
+    files = LawFiles(folder / f"{name}.toml", folder / f"{name}.unmet.toml")
     return _predictor(job, files) if job.law == PREDICTOR else _linear_law(job, files)
 
 
@@ -78,11 +79,11 @@ def _linear_law(job: Job, files: LawFiles) -> Outcome:
     except NoDesignError as error:
         demands = error.found.judgement.demands
         settings = controller_settings(spec, vehicle, law, error.found.values)
-        files.write_unmet(unmet_text(law, settings, demands, job.sources))
+        write_text(files.unmet, unmet_text(law, settings, demands, job.sources))
         return Outcome(tuple(unmet_lines(demands, files)), demands, str(error))
     files.write_preset(preset_text(spec, vehicle, designed, job.sources))
     with plot_style():
-        picture = job.picture_folder / f"{files.name}.png"
+        picture = job.picture_folder / f"{files.preset.stem}.png"
         draw_design(spec, vehicle, designed).savefig(picture)
     lines = tuple(_lines(spec, designed, files))
     return Outcome(lines, designed.found.judgement.demands, design=designed)
@@ -119,7 +120,7 @@ def _predictor(job: Job, files: LawFiles) -> Outcome:
     demands = predictor_demands(spec, table, design)
     count = sum(demand.excess > 0.0 for demand in demands)
     if count:
-        files.write_unmet(unmet_text(PREDICTOR, design.settings, demands, job.sources))
+        write_text(files.unmet, unmet_text(PREDICTOR, design.settings, demands, job.sources))
         lines += unmet_lines(demands, files)
         error = f"predictor: {count} of {len(demands)} demands are not met"
         return Outcome(tuple(lines), demands, error)

@@ -49,14 +49,12 @@ is designed for."""
 class TriangularLaw(NamedTuple):
     """C (zI - A)⁻¹ B + D with A upper triangular, complex.
 
-    ``heading``  B and D of the heading error; None where the law does not read it
+    ``inputs``  B and D of the lateral error, then of the heading error if the law reads that
     """
 
     triangle: ComplexArray
-    inputs: ComplexArray
+    inputs: tuple[tuple[ComplexArray, float], ...]
     outputs: ComplexArray
-    d: float
-    heading: tuple[ComplexArray, float] | None
 
 
 def law_response(design: LawDesign, z: ComplexArray) -> ComplexArray:
@@ -64,23 +62,15 @@ def law_response(design: LawDesign, z: ComplexArray) -> ComplexArray:
 
     Shape (inputs, Z): to the lateral error, and to the heading error if the law reads that.
     """
-    triangle, inputs, outputs, d, heading = triangular(design)
-    return np.stack(
-        [
-            _response(triangle, of_input, outputs, direct, z)
-            for of_input, direct in ((inputs, d), *([] if heading is None else [heading]))
-        ]
-    )
-
-
-def _response(
-    triangle: ComplexArray, inputs: ComplexArray, outputs: ComplexArray, d: float, z: ComplexArray
-) -> ComplexArray:
-    states = np.empty((len(inputs), len(z)), dtype=np.complex128)
-    for row in range(len(inputs) - 1, -1, -1):
-        later = triangle[row, row + 1 :] @ states[row + 1 :]
-        states[row] = (inputs[row] + later) / (z - triangle[row, row])
-    return np.asarray(outputs @ states + d, dtype=np.complex128)
+    triangle, inputs, outputs = triangular(design)
+    responses = []
+    for b, d in inputs:
+        states = np.empty((len(b), len(z)), dtype=np.complex128)
+        for row in range(len(b) - 1, -1, -1):
+            later = triangle[row, row + 1 :] @ states[row + 1 :]
+            states[row] = (b[row] + later) / (z - triangle[row, row])
+        responses.append(outputs @ states + d)
+    return np.array(responses, dtype=np.complex128)
 
 
 def fed_back(plants: ComplexArray, law: ComplexArray) -> ComplexArray:
@@ -98,11 +88,11 @@ def triangular(design: LawDesign) -> TriangularLaw:
     # Balancing costs no rounding and saves two digits: the states differ by orders of magnitude.
     balanced, (scale, _) = matrix_balance(needed.a, permute=False, separate=True)
     triangle, basis = schur(balanced, output="complex")
-    inputs = basis.conj().T @ (needed.b / scale)
-    heading = None
+    inputs = [(needed.b, needed.d)]
     if needed.heading is not None:
-        heading = basis.conj().T @ (needed.heading.b / scale), needed.heading.d
-    return TriangularLaw(triangle, inputs, (needed.c * scale) @ basis, needed.d, heading)
+        inputs.append((needed.heading.b, needed.heading.d))
+    turned = tuple((basis.conj().T @ (b / scale), d) for b, d in inputs)
+    return TriangularLaw(triangle, turned, (needed.c * scale) @ basis)
 
 
 def plant_responses(

@@ -32,6 +32,7 @@ from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import LatencySettings
 from ...plant_emulator.sensors.settings import SensorNoiseSettings
 from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.vehicle.settings import ActuatorSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .demands import Demand
@@ -39,7 +40,7 @@ from .search.evolution import Progress, Search, SearchStoppedError, Values
 from .search.law_parameters import validity
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
-from .virtual_check import Drive, constant, jittered, plant_settings
+from .virtual_check import constant, jittered, plant_settings
 
 LEFT_M = 1e3
 """Error of a run that leaves the range of the sensor [m]."""
@@ -98,10 +99,11 @@ def runs(
     def of_latency(latency: LatencySettings) -> list[Run]:
         plants = [
             plant_settings(
-                Drive(settings, vehicle, path, course.duration_s, latency, lag_s, seed)
-            ).model_copy(update={"sensor_noise": noise})
+                settings.period_ns, vehicle, path, course.duration_s, latency,
+                seed=seed, sensor_noise=noise, actuator=ActuatorSettings(lag_s=lag_s),
+            )
             for path, vehicle in product(course.paths, task.vehicles)
-        ]
+        ]  # fmt: skip
         plan = schedule_run(plants[0], settings)
         return list(
             task.pool.map(lambda plant: _run(plant, settings, plan, task.table.ignore_s), plants)

@@ -22,7 +22,7 @@ from .demands import Demand
 from .frontier.frontier import run_frontier
 from .frontier.settings import FrontierSettings
 from .law_files import PREDICTOR, Job, Outcome, run_job
-from .search.law_parameters import KEYS, any_settings
+from .search.law_parameters import KEYS
 from .searches import Searches, begin_worker
 from .specification import Specification
 from .vehicle_file import VehicleFile
@@ -50,7 +50,7 @@ def run_design(options: argparse.Namespace) -> int:
         print(f"{time.perf_counter() - begin_s:.0f} s")
         return status
     spec = load_settings(Specification, None, options.spec, options.overrides)
-    refuse_what_the_plant_does_not_drive(spec, vehicle, any_settings(spec, vehicle))
+    refuse_what_the_plant_does_not_drive(spec, vehicle)
     course = course_line(spec, vehicle)
     pictures = options.pictures or options.out
     rig = _write_settings(spec, vehicle, options.out, pictures)
@@ -120,7 +120,7 @@ def _write_settings(spec: Specification, vehicle: VehicleFile, out: Path, pictur
     """Write the plant that the designs are for, and their specification; returns the former."""
     rig, asked_for = (pictures / f"{spec.name}_{what}.toml" for what in ("plant", "specification"))
     texts = {
-        rig.name: plant_text(spec, vehicle, any_settings(spec, vehicle)),
+        rig.name: plant_text(spec, vehicle),
         asked_for.name: dump_toml(spec.model_copy(update={"laws": ()})),  # one after the other
     }
     refuse_another_run(pictures, texts)

@@ -58,11 +58,6 @@ _WIDTHS = (0.9, 2.2)
 """Without and with the longest delay, or the actuator's lag; dashes are those of the corner."""
 
 
-def preset_name(spec: Specification, law: str) -> str:
-    """Return what the preset of a law is called."""
-    return f"{spec.name}_{law}"
-
-
 def preset_text(
     spec: Specification, vehicle: VehicleFile, design: Design, sources: tuple[str, str]
 ) -> str:
@@ -158,29 +153,15 @@ def conditions_in_words(met: ConditionsTable) -> str:
 
 
 class LawFiles(NamedTuple):
-    """The files of a law in the folder of the presets."""
+    """The file of a law that meets all demands, and of the best where none does."""
 
-    folder: Path
-    name: str
-
-    @property
-    def preset(self) -> Path:
-        """What meets all demands."""
-        return self.folder / f"{self.name}.toml"
-
-    @property
-    def unmet(self) -> Path:
-        """The best of a search that met not all demands."""
-        return self.folder / f"{self.name}.unmet.toml"
+    preset: Path
+    unmet: Path
 
     def write_preset(self, text: str) -> None:
         """Write what meets all demands, in place of what did not."""
         write_text(self.preset, text)
         self.unmet.unlink(missing_ok=True)
-
-    def write_unmet(self, text: str) -> None:
-        """Write the best of what meets not all demands."""
-        write_text(self.unmet, text)
 
 
 STOPPED = "The search was stopped before its end: this is the best so far, not the best."

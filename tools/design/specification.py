@@ -17,10 +17,9 @@ from ...controller.laws.predictor import FALLBACK
 from ...controller.laws.settings import LawName
 from ...controller.limits.steer_limits import LimitSettings
 from ...plant_emulator.network.settings import Order
-from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...plant_emulator.path.settings import PathSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from ...runtime.settings import Settings, SettingsError
+from ...runtime.settings import Settings
 
 _TICKS_MAX = 100_000
 _DELAYS_MAX = 500
@@ -105,23 +104,6 @@ class CourseTable(Settings):
     friction: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
     friction_share_max: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
     paths: Annotated[tuple[PathSettings, ...], Field(min_length=1, max_length=20)]
-
-    def line(self, asked_m_s2: float, speed_m_s: float) -> str:
-        """Return what the bends ask of the tyres; raises SettingsError where that is too much.
-
-        ``asked_m_s2``  largest lateral acceleration, at ``speed_m_s``, the highest speed
-        """
-        share = asked_m_s2 / (self.friction * GRAVITY_M_S2)
-        line = (
-            f"the course asks for a lateral acceleration of {asked_m_s2:.3g} m/s² at"
-            f" {speed_m_s:.4g} m/s, {share:.2f} of what friction {self.friction:g} gives"
-        )
-        if share > self.friction_share_max:
-            raise SettingsError(
-                f"{line}; at most {self.friction_share_max:g} is allowed: choose a gentler path or"
-                " a lower speed"
-            )
-        return line
 
 
 class JitterTable(Settings):

@@ -7,7 +7,7 @@ compiled, which gives the numbers of the nodes in virtual time.
 import math
 from collections.abc import Iterable
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
@@ -17,11 +17,11 @@ from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import BothLatencySettings, LatencySettings
-from ...plant_emulator.path.drivability import lateral_acceleration_m_s2
+from ...plant_emulator.path.drivability import GRAVITY_M_S2, lateral_acceleration_m_s2
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
+from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
@@ -32,21 +32,6 @@ if TYPE_CHECKING:
     from .law_design import Design
 
 
-class Drive(NamedTuple):
-    """One run: a law, a vehicle of the box, a path, and the latency of the commands.
-
-    ``lag_s``  of the steering
-    """
-
-    settings: ControllerSettings
-    corner: NominalVehicle
-    path: PathSettings
-    duration_s: float
-    latency: LatencySettings
-    lag_s: float = 0.0
-    seed: int = 1
-
-
 class Driven(NamedTuple):
     """RMS of the lateral error [m] and largest steer [rad]; infinite if a run has no end."""
 
@@ -54,66 +39,77 @@ class Driven(NamedTuple):
     steer_rad: float
 
 
-def drive(asked: Drive) -> Driven:
+def drive(plant: PlantSettings, settings: ControllerSettings) -> Driven:
     """Run both nodes on a wire that takes no time."""
-    run = run_compiled(plant_settings(asked), asked.settings)
+    run = run_compiled(plant, settings)
     if run.outcome is not Outcome.COMPLETE:
         return Driven(math.inf, math.inf)
     return Driven(run.lateral_error_rms_m, float(np.abs(run.sent_rad).max()))
 
 
-def plant_settings(asked: Drive) -> PlantSettings:
-    """Return the plant's settings; raises pydantic's ValidationError for what it does not drive."""
-    return PlantSettings(
-        duration_s=asked.duration_s,
-        seed=asked.seed,
-        sensor_period_ms=asked.settings.period_ns / NS_PER_MS,
-        vehicle=VehicleSettings(**asked.corner._asdict()),
-        path=asked.path,
-        actuator=ActuatorSettings(lag_s=asked.lag_s),
-        latency=BothLatencySettings(downlink=asked.latency),
-    )
+def plant_settings(
+    period_ns: int,
+    corner: NominalVehicle,
+    path: PathSettings,
+    duration_s: float,
+    latency: LatencySettings,
+    **tables: Any,
+) -> PlantSettings:
+    """Return the plant's settings; raises pydantic's ValidationError for what it does not drive.
 
-
-def plant_text(spec: Specification, vehicle: VehicleFile, settings: ControllerSettings) -> str:
-    """Return the TOML of the plant that the designs are for: nominal vehicle, first path.
-
-    ``settings``  of any of the designs, which share their rate
+    ``latency``  of the commands
     """
-    course, line = spec.course, LatencySettings()
-    plant = plant_settings(
-        Drive(settings, vehicle.vehicle.vehicle, course.paths[0], course.duration_s, line)
+    return PlantSettings(
+        duration_s=duration_s,
+        sensor_period_ms=period_ns / NS_PER_MS,
+        vehicle=VehicleSettings(**corner._asdict()),
+        path=path,
+        latency=BothLatencySettings(downlink=latency),
+        **tables,
     )
+
+
+def plant_text(spec: Specification, vehicle: VehicleFile) -> str:
+    """Return the TOML of the plant that the designs are for: nominal vehicle, first path."""
+    nominal, course, line = vehicle.vehicle.vehicle, spec.course, LatencySettings()
+    plant = plant_settings(spec.period_ns, nominal, course.paths[0], course.duration_s, line)
     return (
         f"# The plant to the controllers of {spec.name}, as in the runs that confirm them,\n"
         "# without latency.\n" + dump_toml(plant)
     )
 
 
-def refuse_what_the_plant_does_not_drive(
-    spec: Specification, vehicle: VehicleFile, settings: ControllerSettings
-) -> None:
+def refuse_what_the_plant_does_not_drive(spec: Specification, vehicle: VehicleFile) -> None:
     """Raise SettingsError where a corner or a path is not one the plant emulator can run."""
     for path in spec.course.paths:
         build_path(path)
-    for asked in drives(spec, vehicle, settings, [LatencySettings()]):
-        try:
-            plant_settings(asked)
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"]))
-            raise SettingsError(
-                f"the plant emulator cannot drive a corner: {where} = {first['input']}:"
-                f" {first['msg'].lower()}"
-            ) from error
+    try:
+        plants(spec, vehicle, [LatencySettings()])
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise SettingsError(
+            f"the plant emulator cannot drive a corner: {where} = {first['input']}:"
+            f" {first['msg'].lower()}"
+        ) from error
 
 
 def course_line(spec: Specification, vehicle: VehicleFile) -> str:
-    """Return what the paths ask of the tyres; raises SettingsError where that is too much."""
+    """Return what the bends ask of the tyres; raises SettingsError where that is too much."""
     speed_m_s = max(corner.speed_m_s for corner in vehicle.box.vertices())
     course, paths = spec.course, (build_path(path) for path in spec.course.paths)
     asked_m_s2 = max(lateral_acceleration_m_s2(path, speed_m_s) for path in paths)
-    return course.line(asked_m_s2, speed_m_s)
+    share = asked_m_s2 / (course.friction * GRAVITY_M_S2)
+    line = (
+        f"the course asks for a lateral acceleration of {asked_m_s2:.3g} m/s² at"
+        f" {speed_m_s:.4g} m/s, {share:.2f} of what friction {course.friction:g} gives"
+    )
+    if share > course.friction_share_max:
+        raise SettingsError(
+            f"{line}; at most {course.friction_share_max:g} is allowed: choose a gentler path or"
+            " a lower speed"
+        )
+    return line
 
 
 def constant(delay_ns: int) -> LatencySettings:
@@ -131,17 +127,13 @@ def jittered(table: JitterTable) -> LatencySettings:
     )
 
 
-def drives(
-    spec: Specification,
-    vehicle: VehicleFile,
-    settings: ControllerSettings,
-    latencies: Iterable[LatencySettings],
-) -> list[Drive]:
-    """Return a run for each path, corner and latency, in this order."""
-    cells = product(spec.course.paths, vehicle.box.vertices(), latencies)
+def plants(
+    spec: Specification, vehicle: VehicleFile, latencies: Iterable[LatencySettings]
+) -> list[PlantSettings]:
+    """Return the plant of a run for each path, corner and latency, in this order."""
     return [
-        Drive(settings, corner, path, spec.course.duration_s, latency)
-        for path, corner, latency in cells
+        plant_settings(spec.period_ns, corner, path, spec.course.duration_s, latency)
+        for path, corner, latency in product(spec.course.paths, vehicle.box.vertices(), latencies)
     ]
 
 
@@ -151,8 +143,8 @@ def verify(spec: Specification, vehicle: VehicleFile, design: "Design") -> tuple
     The line has the largest RMS, the delay at which it was, the largest steer, and the largest
     difference of an RMS to that of the linear analysis.
     """
-    asked = drives(spec, vehicle, design.settings, map(constant, spec.delays_ns))
-    driven = list(map(drive, asked))
+    asked = plants(spec, vehicle, map(constant, spec.delays_ns))
+    driven = [drive(plant, design.settings) for plant in asked]
     shape = (len(spec.course.paths), len(vehicle.box.vertices()), len(spec.delays_ns))
     rms_m = np.array([run.rms_m for run in driven]).reshape(shape).max(axis=0)
     columns = [design.rms.delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]

@@ -16,6 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from steer_by_wire.closed_loop.processes.parallel_work import worker_pool
@@ -27,7 +28,7 @@ from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.paper.index_page import index_page
-from steer_by_wire.tools.paper.result import Reproduction, Written, write_reproduction
+from steer_by_wire.tools.paper.result import Reproduction, write_reproduction
 
 
 class Entry(NamedTuple):
@@ -142,7 +143,7 @@ def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None
     A failure does not keep the others from being written; the first one is raised at the end.
     """
     start_s = time.perf_counter()
-    written: list[Written] = []
+    written: list[Reproduction] = []
     failures: list[BaseException] = []
     tables_first = sorted(entries, key=lambda entry: entry.kind != "table")  # they take longest
     with worker_pool(min(WORKERS, len(entries))) as pool, counting_bars(console) as bars:
@@ -164,13 +165,16 @@ def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None
         raise failures[0]
 
 
-def reproduce(key: str, out: str) -> Written:
-    """Compute one entry and write its files; runs in a worker process."""
+def reproduce(key: str, out: str) -> Reproduction:
+    """Compute one entry and write its files, in a worker process; returns it without drawings."""
     with plot_style():
-        return write_reproduction(function_of(entry_of(key))(), Path(out))
+        made = function_of(entry_of(key))()
+        write_reproduction(made, Path(out))
+    drawn = (picture._replace(figure=Figure(), columns={}) for picture in made.pictures)
+    return made._replace(pictures=tuple(drawn))
 
 
-def write_index(out: Path, written: Sequence[Written]) -> Path:
+def write_index(out: Path, written: Sequence[Reproduction]) -> Path:
     """Write the page of what was computed, in the order of the paper; returns its path."""
     keys = [entry.key for entry in ENTRIES]
     in_order = sorted(written, key=lambda one: keys.index(one.key))

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
-from .result import Comparison, Verdict, Written
+from .result import Comparison, Reproduction, Verdict
 
 _MARKS = {
     Verdict.REPRODUCED: "good",
@@ -34,7 +34,7 @@ _ABOUT = (
 )
 
 
-def index_page(written: Sequence[Written], read_png: Callable[[str], bytes]) -> str:
+def index_page(written: Sequence[Reproduction], read_png: Callable[[str], bytes]) -> str:
     """Return the page.
 
     ``written``   in the order in which they appear
@@ -47,7 +47,7 @@ def index_page(written: Sequence[Written], read_png: Callable[[str], bytes]) -> 
     return page("SAE 2018-01-1086, reproduced", [about, *sections], verdict)
 
 
-def heading(item: Written) -> str:
+def heading(item: Reproduction) -> str:
     """Return "Figure 8: title" from the key, unless the title contains it itself."""
     if item.title.startswith(("Figure", "Table")):
         return item.title
@@ -61,7 +61,7 @@ def agreement(comparisons: Sequence[Comparison]) -> str:
     return f"{sum(judged)} of {len(judged)}" if judged else "-"
 
 
-def _meanings(written: Sequence[Written]) -> Table:
+def _meanings(written: Sequence[Reproduction]) -> Table:
     rows = [
         (
             _verdict(verdict),
@@ -73,7 +73,7 @@ def _meanings(written: Sequence[Written]) -> Table:
     return Table(("Verdict", "Means", "Here"), rows)
 
 
-def _summary(written: Sequence[Written]) -> Table:
+def _summary(written: Sequence[Reproduction]) -> Table:
     rows = [
         (
             Cell(heading(item), link=f"#{item.key}"),
@@ -85,10 +85,10 @@ def _summary(written: Sequence[Written]) -> Table:
     return Table(("Figure or table", "Verdict", "Comparisons that agree"), rows)
 
 
-def _section(item: Written, read_png: Callable[[str], bytes]) -> Section:
+def _section(item: Reproduction, read_png: Callable[[str], bytes]) -> Section:
     pictures = [
-        Picture(read_png(name), f"{heading(item)} ({name})", f"{name}.csv")
-        for name in item.pictures
+        Picture(read_png(drawn.name), f"{heading(item)} ({drawn.name})", f"{drawn.name}.csv")
+        for drawn in item.pictures
     ]
     comparisons = Table(
         ("Quantity", "Published", "Reproduced", "Agrees"),

@@ -105,30 +105,17 @@ class Reproduction(NamedTuple):
     why: str
 
 
-class Written(NamedTuple):
-    """A reproduction without its figures; ``pictures`` are the stems of PNG and CSV."""
-
-    key: str
-    title: str
-    caption: str
-    pictures: tuple[str, ...]
-    comparisons: tuple[Comparison, ...]
-    verdict: Verdict
-    why: str
-
-
-def write_reproduction(reproduction: Reproduction, folder: Path) -> Written:
+def write_reproduction(reproduction: Reproduction, folder: Path) -> None:
     """Write all files of a reproduction, the summary last; raises OSError."""
     for picture in reproduction.pictures:
         picture.figure.savefig(folder / f"{picture.name}.png")
         write_columns(picture, folder / f"{picture.name}.csv")
-    names = tuple(picture.name for picture in reproduction.pictures)
-    written = Written(**reproduction._asdict() | {"pictures": names})
-    record = written._asdict() | {
-        "comparisons": [comparison._asdict() for comparison in written.comparisons]
+    record = reproduction._asdict() | {
+        "pictures": [picture.name for picture in reproduction.pictures],
+        "comparisons": [comparison._asdict() for comparison in reproduction.comparisons],
     }
-    write_text(folder / f"{written.key}.json", json.dumps(record, indent=1, ensure_ascii=False))
-    return written
+    file = folder / f"{reproduction.key}.json"
+    write_text(file, json.dumps(record, indent=1, ensure_ascii=False))
 
 
 def write_columns(picture: Picture, file: Path) -> None:

@@ -22,7 +22,7 @@ from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
 from steer_by_wire.tools.design import predictor_design
 from steer_by_wire.tools.design.demands import Demand, Judgement, judge_law, make_study
-from steer_by_wire.tools.design.law_design import Design, Reason, design, failed, split_boxes
+from steer_by_wire.tools.design.law_design import Design, Reason, design, failed
 from steer_by_wire.tools.design.program import linear_laws
 from steer_by_wire.tools.design.report import preset_text, reason_lines
 from steer_by_wire.tools.design.search import parameter_search
@@ -213,17 +213,6 @@ def test_gains_stay_within_bounds_that_no_filter_of_the_rate_exceeds() -> None:
     assert max(high for key, (_, high) in ranges.items() if key[:2] != "k_") < math.pi * 10.0
 
 
-def test_the_halves_of_a_box_are_boxes_that_cover_it() -> None:
-    vehicle = shipped_vehicle()
-    for field, middle, halves in split_boxes(vehicle):
-        whole = getattr(vehicle.uncertainty, field)
-        bounds = [getattr(half.uncertainty, field) for half in halves]
-        assert bounds == [(whole[0], middle), (middle, whole[1])]
-        for half in halves:
-            # What a file with this content would be checked for.
-            assert VehicleFile.model_validate(half.model_dump()) == half
-
-
 def test_a_value_just_above_its_limit_is_shown_with_the_digits_that_differ() -> None:
     demands = (Demand("peak sensitivity", 3.2004, 3.2), Demand("noise gain", 5.0, 4.0))
     assert failed(Judgement(1.0, 1.0, demands)) == [
@@ -250,8 +239,7 @@ def test_a_law_that_fails_its_demands_is_refused_and_its_best_kept_as_unmet(
     printed, error = capsys.readouterr()
     assert status == 1
     assert re.search(
-        r"pd\.proportional_gain_rad_m = .*; without one of .*: RMS error;"
-        r" no split of the box in two halves helps$",
+        r"pd\.proportional_gain_rad_m = .*; without one of .*: RMS error$",
         error,
         re.MULTILINE,
     )

@@ -25,7 +25,6 @@ from steer_by_wire.tools.paper.result import (
     Picture,
     Reproduction,
     Verdict,
-    Written,
     write_reproduction,
 )
 from tests.support.suite.same_process import same_process as same_process
@@ -39,11 +38,12 @@ COMPARISONS = (
 )
 
 
-def written(key: str = "figure_08", verdict: Verdict = Verdict.REPRODUCED) -> Written:
-    return Written(key, "A title", "A caption", ("one", "two"), COMPARISONS, verdict, "A reason")
+def written(key: str = "figure_08", verdict: Verdict = Verdict.REPRODUCED) -> Reproduction:
+    pictures = tuple(Picture(name, Figure(), {}) for name in ("one", "two"))
+    return Reproduction(key, "A title", "A caption", pictures, COMPARISONS, verdict, "A reason")
 
 
-def page_of(*items: Written) -> str:
+def page_of(*items: Reproduction) -> str:
     return index_page(items, lambda _: PNG)
 
 
@@ -107,11 +107,11 @@ def test_the_page_says_every_verdict_and_every_comparison() -> None:
 
 def test_whatever_a_figure_says_is_escaped() -> None:
     evil = "<script>alert('&')</script>"
-    item = Written(
+    item = Reproduction(
         f"figure_8_{evil}",
         evil,
         evil,
-        (evil,),
+        (Picture(evil, Figure(), {}),),
         (Comparison(evil, evil, evil, None),),
         Verdict.REPRODUCED,
         evil,
@@ -150,7 +150,8 @@ def test_figures_are_on_the_page_in_the_paper_s_order(tmp_path: Path) -> None:
             key, Figure(), {"time_s": np.array([0.0, 0.1]), "end_m": np.array([np.nan, 2.0])}
         )
         made = Reproduction(key, "t", "c", (picture,), COMPARISONS, Verdict.REPRODUCED, "w")
-        done.append(write_reproduction(made, tmp_path))
+        write_reproduction(made, tmp_path)
+        done.append(made)
     page = reproduce_paper.write_index(tmp_path, done).read_text(encoding="utf-8")
     assert re.findall(r'<section id="(\w+)">', page) == ["s1", "figure_09", "table_2"]
     assert (tmp_path / "table_2.csv").read_text(encoding="utf-8") == "time_s,end_m\n0.0,\n0.1,2.0\n"

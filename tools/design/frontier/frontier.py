@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ....closed_loop.processes.parallel_work import worker_pool
 from ....closed_loop.reports.plot_style import plot_style
@@ -32,14 +32,6 @@ ALL = (*STRUCTURES, PREDICTOR, PUBLISHED)
 WORKERS = 2
 
 
-class Job(NamedTuple):
-    """One structure, computed in a worker."""
-
-    asked: FrontierSettings
-    vehicle: VehicleFile
-    structure: str
-
-
 def run_frontier(
     program: str, asked: FrontierSettings, vehicle: VehicleFile, folder: Path
 ) -> ExitStatus:
@@ -53,15 +45,17 @@ def run_frontier(
         worker_pool(WORKERS, begin_worker, searches.shared) as pool,
         searches.stopped_by_ctrl_c(),
     ):
-        jobs = [Job(asked, vehicle, name) for name in sorted(ALL, key=_effort, reverse=True)]
-        futures = {job.structure: pool.submit(compute, job) for job in jobs}
+        futures = {
+            name: pool.submit(compute, asked, vehicle, name)
+            for name in sorted(ALL, key=_effort, reverse=True)
+        }
         searches.watch(futures)
     done = [futures[name] for name in ALL if not futures[name].cancelled()]
     rows = [row for future in done for row in future.result()]
     write_csv(rows, folder / "frontier.csv")
     with plot_style():
         draw_frontier(asked, rows).savefig(folder / "frontier.png", bbox_inches="tight")
-        draw_trials(asked, rows).savefig(folder / "frontier_trials.png")
+        draw_trials(rows).savefig(folder / "frontier_trials.png")
     for line in _table(asked, rows):
         print(line)
     print(f"-> {folder}: frontier.csv, frontier.png, frontier_trials.png")
@@ -76,9 +70,8 @@ def _effort(structure: str) -> int:
     return len(KEYS[law]) * len(q_kinds)
 
 
-def compute(job: Job) -> list[Row]:
+def compute(asked: FrontierSettings, vehicle: VehicleFile, structure: str) -> list[Row]:
     """Return a structure's rows, the shortest delay first."""
-    asked, vehicle, structure = job
     if structure == PUBLISHED:
         return [Row(point, NOT_TRIED) for point in published_points(asked, vehicle)]
     if structure == PREDICTOR:

@@ -10,6 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from ....closed_loop.reports.plot_style import COLOURS
 from .points import FILTERED, PREDICTOR, PUBLISHED, Row
 from .settings import FrontierSettings
+from .trials import JITTER_SHARE, LAG_S, SENSOR_NOISE_M, SIDE_FORCE_N, STEERING_OFFSET_RAD
 
 _LOOK: Mapping[str, tuple[str, str]] = {
     "PD": (COLOURS[6], "o-"),
@@ -54,31 +55,30 @@ def draw_frontier(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def draw_trials(asked: FrontierSettings, rows: Sequence[Row]) -> Figure:
+def draw_trials(rows: Sequence[Row]) -> Figure:
     """Draw six trials of the same designs."""
-    trials = asked.trials
     figure = Figure(figsize=(12.0, 7.5))
     panels = figure.subplots(2, 3).ravel()
     shown: tuple[tuple[str, FigureOf], ...] = (
         (
-            f"RMS with {_PER_MM * trials.sensor_noise_m:g} mm of noise [mm]",
+            f"RMS with {_PER_MM * SENSOR_NOISE_M:g} mm of noise [mm]",
             lambda row: _PER_MM * row.trials.noisy_rms_m,
         ),
         (
-            f"Peak after a side wind of {trials.side_force_n:g} N [mm]",
+            f"Peak after a side wind of {SIDE_FORCE_N:g} N [mm]",
             lambda row: _PER_MM * row.trials.wind_peak_m,
         ),
         (
-            f"Left of a wheel offset of {trials.steering_offset_rad:g} rad [mm]",
+            f"Left of a wheel offset of {STEERING_OFFSET_RAD:g} rad [mm]",
             lambda row: max(_LEFT_MM_MIN, _PER_MM * row.trials.offset_left_m),
         ),
         ("RMS with a wrong vehicle [mm]", lambda row: _PER_MM * row.trials.wrong_rms_m),
         (
-            f"RMS with {100.0 * trials.jitter_share:g} % of jitter, 95 % quantile [mm]",
+            f"RMS with {100.0 * JITTER_SHARE:g} % of jitter, 95 % quantile [mm]",
             lambda row: _PER_MM * row.trials.jitter_95_m,
         ),
         (
-            f"Stable up to [ms], with an unknown lag of {trials.lag_s:g} s",
+            f"Stable up to [ms], with an unknown lag of {LAG_S:g} s",
             lambda row: row.point.lagged_ms,
         ),
     )

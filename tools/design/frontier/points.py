@@ -23,7 +23,7 @@ from ..search.parameter_search import find
 from ..specification import DelayTable, DStabilityTable, Specification, controller_law
 from ..vehicle_file import VehicleFile
 from .settings import STRUCTURES, FrontierSettings
-from .trials import Trials, worst_rms_m
+from .trials import LAG_S, Trials, worst_rms_m
 
 PREDICTOR = "predictor"
 """Not designed here: the shipped preset, at the noise that it was designed for. It reads heading
@@ -104,7 +104,7 @@ def designed_points(
                 return
             if found.feasible:
                 known[q_kind] = found.values
-                points.append(point_of(fine, asked, structure, found.values, found.judged))
+                points.append(point_of(fine, structure, found.values, found.judged))
         if points:
             yield min(points, key=lambda point: point.rms_m)
 
@@ -126,9 +126,7 @@ def study(
     )
 
 
-def point_of(
-    fine: Study, asked: FrontierSettings, structure: str, values: Values, judged: int = 1
-) -> Point:
+def point_of(fine: Study, structure: str, values: Values, judged: int = 1) -> Point:
     """Return the figures of a structure with these parameters, whether it meets them or not."""
     law, spec = STRUCTURES[structure].law, fine.spec
     settings = controller_settings(spec, fine.vehicle, law, values)
@@ -139,7 +137,7 @@ def point_of(
         demands.get("RMS error", math.inf),
         demands.get("noise gain", math.inf),
         demands.get("peak sensitivity", math.inf),
-        *_margins_ms(asked, fine.vehicle, settings),
+        *_margins_ms(fine.vehicle, settings),
         judged,
         values,
         spec.dob_q_kind if "dob" in values else None,
@@ -188,7 +186,7 @@ def published_points(asked: FrontierSettings, vehicle: VehicleFile) -> Iterator[
 def _published_point(
     asked: FrontierSettings, vehicle: VehicleFile, structure: str, settings: ControllerSettings
 ) -> Point:
-    margins_ms = _margins_ms(asked, vehicle, settings)
+    margins_ms = _margins_ms(vehicle, settings)
     delay_ms = margins_ms[0] / (1.0 + asked.margin_share)
     rms_m = noise_rad_m = peak = math.inf
     if delay_ms:
@@ -202,12 +200,10 @@ def _published_point(
     return Point(structure, delay_ms, rms_m, noise_rad_m, peak, *margins_ms, q_kind=q_kind)
 
 
-def _margins_ms(
-    asked: FrontierSettings, vehicle: VehicleFile, settings: ControllerSettings
-) -> tuple[float, float, float]:
+def _margins_ms(vehicle: VehicleFile, settings: ControllerSettings) -> tuple[float, float, float]:
     """Return the delay margins of worst corner, nominal vehicle, and worst corner behind a lag."""
     design, nominal = design_law(settings), VehicleFile(vehicle=vehicle.vehicle).models
-    lagged = [behind_lag(model, asked.trials.lag_s) for model in vehicle.models]
+    lagged = [behind_lag(model, LAG_S) for model in vehicle.models]
     worst, alone, behind = (
         min(_margin_ms(design, model, settings.period_ns) for model in models)
         for models in (vehicle.models, nominal, lagged)

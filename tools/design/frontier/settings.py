@@ -1,4 +1,4 @@
-"""FRONTIER.toml: the delays, the demands that every structure meets alike, and the trials."""
+"""FRONTIER.toml: the delays, and the demands that every structure meets alike."""
 
 from typing import Annotated, NamedTuple, Self
 
@@ -35,26 +35,6 @@ STRUCTURES = {
 that and the heading error, each reads the lateral error and its own commands only."""
 
 
-class TrialsTable(Settings):
-    """[trials]: runs of each design at the nominal vehicle, with the limits of its commands.
-
-    ``sensor_noise_m``       standard deviation of white noise on the lateral error
-    ``side_force_n``         step of the side force on a straight
-    ``steering_offset_rad``  of the wheel behind its sensor, on a straight
-    ``lag_s``                of the steering, which the design does not know
-    ``jitter_share``         spread of the latency over its mean, which is the guaranteed delay over
-                             1 + ``margin_share``
-    ``seeds``                of the jitter, from 1001 on: no design has used them
-    """
-
-    sensor_noise_m: PositiveFloat = 0.02
-    side_force_n: PositiveFloat = 1000.0
-    steering_offset_rad: PositiveFloat = 0.02
-    lag_s: PositiveFloat = 0.1
-    jitter_share: Annotated[float, Field(gt=0.0, le=2.0)] = 0.3
-    seeds: Annotated[int, Field(ge=1, le=100_000)] = 100
-
-
 class FrontierSettings(Settings):
     """All of FRONTIER.toml."""
 
@@ -68,7 +48,6 @@ class FrontierSettings(Settings):
     ignore_s: Annotated[float, Field(ge=0.0, le=600.0)] = 5.0
     """At the start of each run, while it settles on the path."""
     course: CourseTable
-    trials: TrialsTable = TrialsTable()
     search: SearchTable = SearchTable()
 
     @model_validator(mode="after")

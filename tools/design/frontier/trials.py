@@ -5,7 +5,6 @@ The runs are compiled, which gives the numbers of the nodes in virtual time.
 """
 
 import math
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,10 +22,20 @@ from ....plant_emulator.sensors.settings import SensorNoiseSettings
 from ....plant_emulator.vehicle.settings import DisturbanceSettings, DisturbanceStep
 from ..loop_figures import HEADING_NOISE_1_M
 from ..vehicle_file import VehicleFile
-from ..virtual_check import Drive, plant_settings
+from ..virtual_check import plant_settings
 from .settings import FrontierSettings
 
-_FIRST_SEED = 1001
+SENSOR_NOISE_M = 0.02
+"""Standard deviation of white noise on the lateral error."""
+SIDE_FORCE_N = 1000.0
+STEERING_OFFSET_RAD = 0.02
+"""Of the wheel behind its sensor, on a straight as the side force."""
+LAG_S = 0.1
+"""Of the steering, which the design does not know."""
+JITTER_SHARE = 0.3
+"""Spread of the latency over its mean, which is the guaranteed delay over 1 + margin_share."""
+SEEDS = range(1001, 1101)
+"""Of the jitter: no design has used them."""
 _AT_S = 5.0
 """When the side wind and the wheel offset begin."""
 _LAST_S = 10.0
@@ -62,38 +71,39 @@ def try_out(
     asked: FrontierSettings, vehicle: VehicleFile, settings: ControllerSettings, delay_ms: float
 ) -> Trials:
     """Run a design at its delay."""
-    trials, nominal = asked.trials, vehicle.vehicle.vehicle
-    ellipse, straight = asked.course.paths[0], StraightSettings(kind="straight")
+    nominal, ellipse = vehicle.vehicle.vehicle, asked.course.paths[0]
     constant = LatencySettings(mean_s=delay_ms / 1e3)
 
     def run(**tables: Any) -> "_Errors":
         given = {"vehicle": nominal, "path": ellipse, "line": constant} | tables
         return _run(asked, settings, **given)
 
-    def step(**values: float) -> DisturbanceSettings:
-        return DisturbanceSettings(steps=(DisturbanceStep(at_s=_AT_S, **values),))
+    def after_step(**values: float) -> "_Errors":
+        steps = (DisturbanceStep(at_s=_AT_S, **values),)
+        straight = StraightSettings(kind="straight")
+        return run(path=straight, disturbance=DisturbanceSettings(steps=steps))
 
     noise = SensorNoiseSettings(
-        lateral_error_m=trials.sensor_noise_m,
-        heading_error_rad=HEADING_NOISE_1_M * trials.sensor_noise_m,
+        lateral_error_m=SENSOR_NOISE_M, heading_error_rad=HEADING_NOISE_1_M * SENSOR_NOISE_M
     )
-    wind = run(path=straight, disturbance=step(side_force_n=trials.side_force_n))
-    offset = run(path=straight, disturbance=step(steering_offset_rad=trials.steering_offset_rad))
     wrong = vehicle.box.vertices()[-1]
     wrong = wrong._replace(
         front_cornering_stiffness_n_rad=_WRONG_FRONT_STIFFNESS
         * wrong.front_cornering_stiffness_n_rad
     )
-    rms_m = np.array([each.rms_m for each in _jittered(asked, run, delay_ms)])
-    lost = ~np.isfinite(rms_m)
+    mean_s = delay_ms / 1e3 / (1.0 + asked.margin_share)
+    jitter = LatencySettings(
+        model=Distribution.GAMMA, mean_s=mean_s, spread_s=JITTER_SHARE * mean_s
+    )
+    rms_m = np.array([run(line=jitter, seed=seed).rms_m for seed in SEEDS])
     return Trials(
         run(sensor_noise=noise).rms_m,
-        wind.peak_m,
-        offset.left_m,
+        after_step(side_force_n=SIDE_FORCE_N).peak_m,
+        after_step(steering_offset_rad=STEERING_OFFSET_RAD).left_m,
         run(vehicle=wrong).rms_m,
         float(np.quantile(rms_m, 0.5, method="higher")),
         float(np.quantile(rms_m, 0.95, method="higher")),
-        int(np.count_nonzero(lost)),
+        int(np.count_nonzero(~np.isfinite(rms_m))),
     )
 
 
@@ -124,27 +134,16 @@ class _Errors(NamedTuple):
 _LOST = _Errors(math.inf, math.inf, math.inf)
 
 
-def _jittered(asked: FrontierSettings, run: Any, delay_ms: float) -> Iterator[_Errors]:
-    mean_s = delay_ms / 1e3 / (1.0 + asked.margin_share)
-    line = LatencySettings(
-        model=Distribution.GAMMA, mean_s=mean_s, spread_s=asked.trials.jitter_share * mean_s
-    )
-    for seed in range(_FIRST_SEED, _FIRST_SEED + asked.trials.seeds):
-        yield run(line=line, seed=seed)
-
-
 def _run(
     asked: FrontierSettings,
     settings: ControllerSettings,
     vehicle: NominalVehicle,
     path: PathSettings,
     line: LatencySettings,
-    seed: int = _FIRST_SEED,
     **tables: Any,
 ) -> _Errors:
-    duration_s = asked.course.duration_s
-    drive = Drive(settings, vehicle, path, duration_s, line, seed=seed)
-    plant = plant_settings(drive).model_copy(update=tables)
+    duration_s, tables = asked.course.duration_s, {"seed": SEEDS[0], **tables}
+    plant = plant_settings(settings.period_ns, vehicle, path, duration_s, line, **tables)
     run = run_compiled(plant, settings)
     if verdict_on(plant, settings, run) is not Verdict.HOLDS:
         return _LOST

@@ -105,13 +105,6 @@ def validity(vehicle: VehicleFile, delay_ms_max: float) -> ValiditySettings:
     return ValiditySettings(**vehicle.uncertainty.given(), delay_ms_max=delay_ms_max)
 
 
-def any_settings(spec: Specification, vehicle: VehicleFile) -> ControllerSettings:
-    """Return settings from the middle of what is searched, of the simplest law."""
-    ranges = bounds("pd", vehicle.vehicle.vehicle, spec.rate_hz)
-    middle = {key: math.sqrt(low * high) for key, (low, high) in ranges.items()}
-    return controller_settings(spec, vehicle, "pd", middle)
-
-
 def designs(settings: ControllerSettings) -> tuple[LawDesign, LawDesign]:
     """Return the law, and its PD without any observer."""
     alone = settings.model_copy(update={"law": "pd", "pid": None, "dob": None, "cdob": None})
