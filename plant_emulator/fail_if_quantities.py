@@ -30,6 +30,12 @@ def _verdict(report: Report) -> str | None:
     return None if verdict is None else str(verdict)
 
 
+def _warnings(report: Report) -> int:
+    """Count the lines of the summary that begin with ``warning``."""
+    node = report["node"]
+    return len(node["warnings"]) + bool(node["second_senders"])
+
+
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
         "verdict": Quantity(_verdict, tuple(Verdict)),
@@ -47,5 +53,5 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 )
 """Those that a recording of the bus has too."""
 RUN_QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {**QUANTITIES, "warnings": Quantity(lambda report: len(report["node"]["warnings"]))}
+    {**QUANTITIES, "warnings": Quantity(_warnings)}
 )

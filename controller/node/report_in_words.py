@@ -32,8 +32,12 @@ def controller_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def verdict_text(report: Report) -> str:
-    """Return the verdict with the figures that explain it."""
+    """Return the verdict with the figures that explain it, and who else has sent."""
     node = report["node"]
+    return "; ".join(filter(None, (_judged(node), second_sender_line(node["second_senders"]))))
+
+
+def _judged(node: Report) -> str:
     verdict = ControlVerdict(node["verdict"])
     if verdict is ControlVerdict.NO_START:
         return f"{verdict}: no measurement ever arrived"

@@ -46,7 +46,7 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def verdict_text(node: Report) -> str:
-    """Return verdict and reason of a plant's report in one line, and what was limited."""
+    """Return a plant's verdict and its reason, what was limited, and who else has sent."""
     verdict = Verdict(node["verdict"])
     parts = [f"{verdict}: {_REASONS[verdict](node)}"]
     if node["limited_share_by"]:
@@ -56,6 +56,8 @@ def verdict_text(node: Report) -> str:
         )
         share = _percent(node["limited_share"])
         parts.append(f"the plant's steering limited for {share} of the time ({limited})")
+    if node.get("second_senders"):  # a log alone has none
+        parts.append(second_sender_line(node["second_senders"]))
     return "; ".join(parts)
 
 

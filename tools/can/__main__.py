@@ -17,7 +17,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the subcommand; returns its exit status."""
     example, usage = response_times.EXAMPLE, response_times.USAGE
     parser = command_parser(NAME, __doc__, example, "response-times ...")
-    parsers = parser.add_subparsers(prog=NAME, dest="subcommand", required=True, metavar="")
+    parsers = parser.add_subparsers(
+        prog=NAME, dest="subcommand", required=True, metavar="SUBCOMMAND"
+    )
     added = add_subcommand(parsers, "response-times", response_times.__doc__, example, usage)
     response_times.add_arguments(added)
     options = parser.parse_args(arguments)

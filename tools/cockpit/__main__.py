@@ -32,6 +32,7 @@ from steer_by_wire.runtime.command_line import (
     output_file,
     run_main,
     say,
+    whole_number,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
@@ -96,7 +97,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="let the page control a bus that it did not start",
     )
     parser.add_argument(
-        "--port", type=int, default=0, metavar="N", help="port of 127.0.0.1 (default: any free one)"
+        "--port",
+        type=whole_number(0, 65_535),
+        default=0,
+        metavar="N",
+        help="port of 127.0.0.1 (default: any free one)",
     )
     parser.add_argument(
         "--no-browser", dest="browser", action="store_false", help="only print the address"

@@ -52,7 +52,9 @@ _NEEDED_BY = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one of the two subcommands; returns the exit status."""
     parser = command_parser(NAME, __doc__, f"{NAME} new my.dbc", "new|check ...")
-    parsers = parser.add_subparsers(prog=NAME, dest="subcommand", required=True, metavar="")
+    parsers = parser.add_subparsers(
+        prog=NAME, dest="subcommand", required=True, metavar="SUBCOMMAND"
+    )
     new = add_subcommand(parsers, "new", "Print a first mapping.", f"{NAME} new my.dbc")
     new.add_argument("database", type=Path, metavar="FILE", help="DBC, ARXML, KCD or SYM")
     new.set_defaults(run=_new)

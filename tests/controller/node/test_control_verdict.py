@@ -119,6 +119,7 @@ def test_each_of_two_controllers_on_one_bus_reports_the_other() -> None:
     driven(first, second)
     for controller in (first, second):
         assert "STEERING_COMMAND" in controller.report()["second_senders"]
+        assert "; second sender of STEERING_COMMAND" in ending(controller)[0]
 
 
 def test_commands_that_no_longer_take_effect_are_a_failure() -> None:

@@ -162,4 +162,5 @@ def test_live_programs_name_a_second_controller_on_the_screen_and_at_the_end(
                 shown = len(program.printed)
                 program.interrupt()
                 assert program.wait_for("warning .*second sender of", shown)
+                assert program.wait_for("verdict: .*; second sender of STEERING_COMMAND", shown)
                 assert "STEERING_COMMAND" in program.report()["node"]["second_senders"]

@@ -298,3 +298,11 @@ def test_what_cannot_start_is_refused_before_an_address_is_printed(
     assert not printed.out
     assert printed.err.startswith("steer-by-wire cockpit: error: ")
     assert printed.err.count("\n") == 1
+
+
+def test_a_port_that_there_is_not_is_refused_in_one_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["--port", "99999"])
+    assert "argument --port: allowed is 0 to 65535, not '99999'" in capsys.readouterr().err
