@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..runtime.program.fail_if_conditions import Quantity, Report
-from .node.control_verdict import ControlVerdict
+from .node.run_figures import ControlVerdict
 
 
 def _worked(key: str) -> Quantity:

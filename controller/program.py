@@ -35,9 +35,8 @@ from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
 from .analysis.check_verdict import found_in
 from .fail_if_quantities import QUANTITIES
 from .laws import LAWS
-from .node.contradicted_settings import contradictions
 from .node.node import RECEIVED, SENT, ControllerNode
-from .node.report_in_words import controller_summary, verdict_text
+from .node.report_in_words import contradictions, controller_summary, verdict_text
 from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 
 NAME = "steer-by-wire controller"

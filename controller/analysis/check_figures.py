@@ -39,7 +39,7 @@ from .linear_system import NotLinearError, law_system
 from .loop_signals import LoopModel
 from .periodic_loop import PeriodicLoop, Responses, linear, stable_constant_delays
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
-from .stable_delays import DELAY_NS_MAX, DelayInterval, delay_margin_ns, stable_delays
+from .stable_delays import DELAY_NS_MAX, Interval, delay_margin_ns, stable_delays
 
 SHOWN_DELAYS_MS = (0, 100, 200, 300, 400, 500)
 FILTER_PERIODS_MAX = 100
@@ -104,7 +104,7 @@ def _loop_of(
     return PeriodicLoop(design, settings.loop_delay, loop_model, responses)
 
 
-def stable_delays_of(loop: Loop, limit_ns: int) -> tuple[DelayInterval, ...]:
+def stable_delays_of(loop: Loop, limit_ns: int) -> tuple[Interval, ...]:
     """Return the stable delays of either loop."""
     if isinstance(loop, SampledLoop):
         return stable_delays(loop, limit_ns)
@@ -250,7 +250,7 @@ def _poles(
     ]
 
 
-def _delays(stable: tuple[DelayInterval, ...], limit_ns: int = DELAY_NS_MAX) -> Figures:
+def _delays(stable: tuple[Interval, ...], limit_ns: int = DELAY_NS_MAX) -> Figures:
     margin_ns = delay_margin_ns(stable, limit_ns)
     return {
         "margin_s": None if margin_ns is None else margin_ns / NS_PER_S,

@@ -21,7 +21,6 @@ command is held without an arrival.
 
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from ..matrices import zero_order_hold
 from .arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf, hazards_by_age
 from .linear_system import companion_form, heading_row, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
-from .stable_delays import stable_intervals
+from .stable_delays import Interval, stable_intervals
 
 MOMENTS_MAX = 250_000
 """Largest size of all second moments together, for an analysis within a few seconds."""
@@ -55,13 +54,6 @@ class JitterTooLargeError(ValueError):
     """The second moments are too many to be analysed."""
 
 
-class SpreadInterval(NamedTuple):
-    """Standard deviations from ``first_ns`` to ``last_ns`` [ns]."""
-
-    first_ns: int
-    last_ns: int
-
-
 def mean_square_decay_1_s(loop: SampledLoop, when: Arrivals) -> float:
     """Return the decay rate of the root mean square of the loop's state [1/s]; negative: it grows.
 
@@ -71,9 +63,7 @@ def mean_square_decay_1_s(loop: SampledLoop, when: Arrivals) -> float:
     return _MomentRecursion(loop, when).decay_1_s(_TOLERANCE, 10.0 * _TOLERANCE)
 
 
-def stable_spreads(
-    loop: SampledLoop, mean_ns: int, loss: float = 0.0
-) -> tuple[SpreadInterval, ...]:
+def stable_spreads(loop: SampledLoop, mean_ns: int, loss: float = 0.0) -> tuple[Interval, ...]:
     """Return the standard deviations from 0 to the mean at which the mean square decays, ascending.
 
     The latency has a gamma distribution. Tested every SPREAD_PARTS-th of the mean, boundaries
@@ -85,18 +75,16 @@ def stable_spreads(
     def recursion(spread_ns: int) -> _MomentRecursion:
         mean_s = mean_ns / NS_PER_S
         cdf = gamma_cdf(mean_s, spread_ns / NS_PER_S) if spread_ns else constant_cdf(mean_s)
-        when = arrivals(cdf, loop.period_ns, loss)
-        return _MomentRecursion(loop, when)
+        return _MomentRecursion(loop, arrivals(cdf, loop.period_ns, loss))
 
     tested = [mean_ns * part // SPREAD_PARTS for part in range(SPREAD_PARTS + 1)]
     recursions = [recursion(spread_ns) for spread_ns in tested]  # all of them, before any is used
     judged = {
         spread_ns: each.is_stable() for spread_ns, each in zip(tested, recursions, strict=True)
     }
-    stable = stable_intervals(
+    return stable_intervals(
         judged, lambda spread_ns: recursion(spread_ns).is_stable(), SPREAD_RESOLUTION_NS
     )
-    return tuple(SpreadInterval(*interval) for interval in stable)
 
 
 class _MomentRecursion:

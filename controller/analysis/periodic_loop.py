@@ -33,7 +33,7 @@ from ..laws.predictor import NAME, PredictorSettings
 from ..settings import ControllerSettings
 from .loop_signals import LoopMatrices, LoopModel, Signals, Timing, Y, continuous_model
 from .sampled_loop import SLOWEST_DECAY_1_S
-from .stable_delays import DELAY_NS_MAX, SCAN_STEP_NS, DelayInterval, stable_intervals
+from .stable_delays import DELAY_NS_MAX, SCAN_STEP_NS, Interval, stable_intervals
 from .unit_responses import own_floats, unit_responses
 
 _START_S = 10
@@ -219,7 +219,7 @@ def _reached_from(start: int, acts: BoolArray) -> BoolArray:
 
 def stable_constant_delays(
     loop: PeriodicLoop, delay_ns_max: int = DELAY_NS_MAX
-) -> tuple[DelayInterval, ...]:
+) -> tuple[Interval, ...]:
     """Return the stable latencies of the commands from 0 to a limit, ascending.
 
     Stability is tested at every SCAN_STEP_NS and just after it, where the measured delay may jump.

@@ -25,7 +25,7 @@ RESOLUTION_NS = 10_000
 DELAY_NS_MAX = 600_000_000
 
 
-class DelayInterval(NamedTuple):
+class Interval(NamedTuple):
     """Delays from ``first_ns`` to ``last_ns`` [ns], both of them stable and all between.
 
     Stability ends less than RESOLUTION_NS beyond either end, but for 0 and the limit of the search.
@@ -35,7 +35,7 @@ class DelayInterval(NamedTuple):
     last_ns: int
 
 
-def stable_delays(loop: SampledLoop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[DelayInterval, ...]:
+def stable_delays(loop: SampledLoop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[Interval, ...]:
     """Return the stable delays from 0 to a limit, ascending; empty if there are none."""
     modes = GrowingModes(loop, delay_ns_max)
     scan = {*range(0, delay_ns_max, SCAN_STEP_NS), delay_ns_max}
@@ -50,7 +50,7 @@ def stable_delays(loop: SampledLoop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[
 
 def stable_intervals(
     judged: dict[int, bool], is_stable: Callable[[int], bool], resolution_ns: int = RESOLUTION_NS
-) -> tuple[DelayInterval, ...]:
+) -> tuple[Interval, ...]:
     """Return the stable stretches of delays [ns], from the verdicts on some of them.
 
     Between two with different verdicts the boundary is bisected; ``judged`` gets those verdicts.
@@ -68,11 +68,11 @@ def stable_intervals(
         for verdict, group in groupby(sorted(judged.items()), key=itemgetter(1))
         if verdict
     )
-    return tuple(DelayInterval(delays_ns[0], delays_ns[-1]) for delays_ns in stretches)
+    return tuple(Interval(delays_ns[0], delays_ns[-1]) for delays_ns in stretches)
 
 
 def delay_margin_ns(
-    intervals: tuple[DelayInterval, ...], delay_ns_max: int = DELAY_NS_MAX
+    intervals: tuple[Interval, ...], delay_ns_max: int = DELAY_NS_MAX
 ) -> int | None:
     """Return the delay at which stability is first lost, coming from zero [ns].
 

@@ -27,15 +27,7 @@ from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
 from ..history.echo_delay import LoopDelayParams
 from ..history.plan import SPACING_MAX, VALUES
-from ..law_interface import (
-    Law,
-    LawInput,
-    LawOutput,
-    LookingBack,
-    LoopDelay,
-    Schedule,
-    VehicleBelief,
-)
+from ..law_interface import LawInput, LawOutput, LoopDelay, Schedule
 from ..prediction.measured_vehicle import measured_gains
 from ..prediction.prediction import horizon_samples, steer_for
 from ..prediction.vehicle_kalman_filter import command_from, estimate_to, step_on_path
@@ -46,15 +38,11 @@ from .predictor import (
     design_predictor,
     predictor_after_hold,
     predictor_at_rest,
-    predictor_believes,
     predictor_step,
 )
 
 if TYPE_CHECKING:
     from .settings import LawSettings
-
-SINGLE_COMMANDS = "predictor"
-"""The law on classic CAN, which has no frame for a plan."""
 
 
 class PacketSettings(Settings):
@@ -138,38 +126,18 @@ def design_packet(settings: "LawSettings") -> Schedule:
     """Return the parameters as a function of the speed; raises as ``design_predictor``."""
     reserve_s = settings.table_of(PacketSettings).reserve_s
     reserve_samples = round(reserve_s / settings.link.sensor_period_s)
-    inside = design_predictor(_single_commands(settings))
+    inside = design_predictor(settings)
     return Schedule(lambda speed_m_s: PacketParams(inside.at(speed_m_s), reserve_samples))
 
 
-def _single_commands(settings: "LawSettings") -> "LawSettings":
-    return settings.model_copy(update={"law": SINGLE_COMMANDS})
-
-
-def _looking_back(settings: "LawSettings", params: PacketParams) -> LookingBack | None:
-    """At a constant latency one value of each plan acts, the predictor's command."""
-    analyse = predictor.LAW.looking_back
-    return analyse and analyse(_single_commands(settings), params.predictor)
-
-
-def _believes(settings: "LawSettings", x: PredictorState) -> VehicleBelief:
-    return predictor_believes(_single_commands(settings), x)
-
-
-LAW = Law(
-    packet_step,
-    packet_at_rest,
-    design_packet,
-    LawNumber.PACKET,
+LAW = predictor.LAW._replace(
+    step=packet_step,
+    at_rest=packet_at_rest,
+    design=design_packet,
+    number=LawNumber.PACKET,
     settings=PacketSettings,
-    needs=(SINGLE_COMMANDS, *predictor.LAW.needs),
-    needs_vehicle=True,
-    looks_back=True,
-    schedules_demand=predictor.LAW.schedules_demand,
-    feed_forward_refusal=predictor.LAW.feed_forward_refusal,
-    looking_back=_looking_back,
+    needs=(predictor.NAME, *predictor.LAW.needs),
     after_hold=packet_after_hold,
     plan=packet_plan,
-    believes=_believes,
-    single_commands=SINGLE_COMMANDS,
+    single_commands=predictor.NAME,  # classic CAN has no frame for a plan
 )

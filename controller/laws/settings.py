@@ -148,11 +148,11 @@ class LawSettings(_TablesOfLaws):
         return self.law if self.law in LAWS else "own_law"
 
     def table_of(self, kind: type[_Table]) -> _Table:
-        """Return the law's own table, which is of this kind."""
-        table = getattr(self, self._table)
-        if not isinstance(table, kind):
-            raise ValueError(f"law = {self.law!r} has no table of {kind.__name__}")
-        return table
+        """Return the table of this kind: the law's own, or one that it needs."""
+        for name in (self._table, *self.law_record.needs):
+            if isinstance(table := getattr(self, name, None), kind):
+                return table
+        raise ValueError(f"law = {self.law!r} has no table of {kind.__name__}")
 
     @classmethod
     def json_schema_for(cls, data: Mapping[str, Any]) -> Schema:

@@ -133,13 +133,10 @@ def mode_step(p: Supervision, x: ModeState, evidence: Evidence, now_ns: int) -> 
     """Take at most one transition of the table; returns the state that holds from ``now_ns`` on."""
     for guard, following in TRANSITIONS[x.mode]:
         if guard(p, x, evidence, now_ns):
-            return entered_mode(x, following, now_ns)
+            # A hold begins without good measurements.
+            good_run = 0 if following is Mode.HOLDING else x.good_run
+            return ModeState(following, now_ns, good_run)
     return x
-
-
-def entered_mode(x: ModeState, mode: Mode, now_ns: int) -> ModeState:
-    """Return the state after a transition; a hold begins without good measurements."""
-    return ModeState(mode, now_ns, 0 if mode is Mode.HOLDING else x.good_run)
 
 
 def measured_run(p: Supervision, good_run: int, before_ns: int | None, now_ns: int) -> int:
@@ -167,6 +164,7 @@ class Supervisor:
     ``mode``      the present mode
     ``goes_forward``  whether the vehicle does, as far as is known
     ``is_silent``     whether the controller may not steer, because there is a second sender
+    ``has_own_fault`` whether it has detected a fault in itself, which is permanent
     """
 
     def __init__(self, supervision: Supervision, start_ns: int) -> None:
@@ -175,7 +173,7 @@ class Supervisor:
         self._entered_ns = start_ns
         self.mode = Mode.WAITING
         self._good_run = 0
-        self._own_fault = False
+        self.has_own_fault = False
         self.goes_forward = True
         self.is_silent = False
 
@@ -190,7 +188,7 @@ class Supervisor:
             and now_ns - arrival_ns <= self._timeout_ns
             and self.goes_forward
             and not self.is_silent
-            and not self._own_fault
+            and not self.has_own_fault
         )
 
     def on_measurement(self, before_ns: int | None, now_ns: int) -> None:
@@ -201,10 +199,6 @@ class Supervisor:
         """Record a damaged measurement."""
         self._good_run = damaged_run(self._good_run)
 
-    def on_own_fault(self) -> None:
-        """Record a fault of the controller itself, which is permanent."""
-        self._own_fault = True
-
     def move_on(
         self, arrival_ns: int | None, now_ns: int, *, law_failed: bool = False
     ) -> Mode | None:
@@ -214,7 +208,7 @@ class Supervisor:
         """
         before = ModeState(self.mode, self._entered_ns, self._good_run)
         may_steer = self.goes_forward and not self.is_silent
-        evidence = Evidence(arrival_ns, law_failed, self._own_fault, may_steer)
+        evidence = Evidence(arrival_ns, law_failed, self.has_own_fault, may_steer)
         after = mode_step(self._supervision, before, evidence, now_ns)
         if after is before:
             return None

@@ -15,6 +15,7 @@ sample; freshness, modes and fallback are decided here, around it.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...dbc.codec.sender_watch import second_sender_line
 from ...dbc.messages import (
     CAN_IDS,
     ControllerFault,
@@ -32,7 +33,7 @@ from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision, overrun_rule
 from ...runtime.node.periodic import PeriodicTimer
 from ..law_interface import VehicleReading
-from ..limits.designed_ranges import NOT_FORWARD_M_S
+from ..limits.designed_ranges import NOT_FORWARD_M_S, in_words
 from ..limits.fades_and_ramps import ramp_step
 from ..limits.steer_limits import limit_name, limit_step
 from ..settings import ControllerSettings
@@ -42,11 +43,11 @@ from .model_fit import model_fit
 from .modes import Supervisor, supervision_of
 from .newest_messages import RECEIVED, SENT, Received
 from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
-from .reported_delay import ReportedDelay, echo_rule
+from .reported_delay import NO_ECHO, delay_status, echo_delay_s, echo_rule, echo_step
 from .run_figures import ControlSample, RunFigures
 from .safety_alarms import SafetyReport
 from .status_frames import MODEL_PERIODS, STATUS_PERIOD_NS, StatusFrames
-from .view import controller_view
+from .view import MODES, REQUESTS, plant_text
 
 __all__ = ["RECEIVED", "SENT", "ControllerNode"]
 
@@ -100,7 +101,7 @@ class ControllerNode:
         self._sent_steer_rad = 0.0
         periods_per_sample = settings.link.sensor_period_s / self._period_s
         self._commands = CommandFrames(self._limits, periods_per_sample)
-        self._delay = ReportedDelay(echo_rule(settings))
+        self._echo_rule, self._echo = echo_rule(settings), NO_ECHO
         self._statuses = StatusFrames(settings.law_record.number)
         self._command_rad = 0.0
         self._reported: list[Reported] = []
@@ -164,7 +165,7 @@ class ControllerNode:
         if self._control_timer.deadline_ns <= now_ns:
             period = self._control_timer.advance(now_ns)
             if not self._overruns.on_tick(self._control_timer):
-                self._supervisor.on_own_fault()
+                self._supervisor.has_own_fault = True
             self._figures.last_tick_ns = now_ns
             if self._falls_silent:
                 reception = self._received.reception
@@ -187,39 +188,49 @@ class ControllerNode:
             served = self._status_timer.advance(now_ns)
             self._judge_signals(now_ns)
             fits = self._fit is None or self._fit.fits
-            self._safety.judge_validity(self._delay.echo_s(now_ns), fits_model=fits)
-            self._figures.on_validity(self._safety.validity)
+            delay_s = echo_delay_s(self._echo_rule, self._echo, now_ns)
+            self._safety.judge_validity(delay_s, fits_model=fits)
+            self._figures.validity[self._safety.validity] += 1
             mode, skipped = self._supervisor.mode, self._control_timer.skipped
             frames.append(self._statuses.status(mode, self._law.output, skipped))
-            frames.append(self._safety_frame(now_ns))
-            frames.append(self._statuses.delay(self._delay.status(now_ns)))
+            frames.append(self._safety.frame(self._fault, now_ns))
+            frames.append(self._statuses.delay(delay_status(delay_s)))
             if served % MODEL_PERIODS == 0:
                 frames += self._model_frame()
             if self._ends_with_plant and self._sent_steer_rad == 0.0:
                 self.has_ended_with_plant = self._received.silence_ns(now_ns) >= PLANT_ENDED_NS
         elif is_safety_due:
-            frames.append(self._safety_frame(now_ns))
+            frames.append(self._safety.frame(self._fault, now_ns))
         self.deadline_ns = min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
         self._received.reception.on_sent(frames)
         return frames
 
     def view(self, now_ns: int) -> View:
         """Return what a user should see now."""
+        mode, received, facts = self._supervisor.mode, self._received, self._safety.facts
+        reception, freshness = received.reception, received.freshness(now_ns)
+        states = {
+            "mode": MODES[mode],
+            "plant": plant_text(freshness, ends_with_plant=self._ends_with_plant),
+            "second sender": second_sender_line(reception.second_senders),
+            "validity": in_words(facts.validity),
+            "request": REQUESTS[facts.motion_request],
+            "failure": self._failure and f"fault: {self._failure}",
+        }
         counts = {
+            **{f"frames rejected, {cause}": n for cause, n in reception.rejected.items()},
+            "restarts of the plant accepted": reception.resynchronised,
             "control periods skipped": self._control_timer.skipped,
             "failures of the law": self._law.failures,
         }
-        return controller_view(
-            self._supervisor.mode,
-            self._failure,
-            self._received,
-            now_ns,
-            counts,
-            self._sent_steer_rad,
-            self._delay.echo_s(now_ns),
-            self._safety.facts,
-            ends_with_plant=self._ends_with_plant,
+        delay_s = echo_delay_s(self._echo_rule, self._echo, now_ns)
+        delay = "unknown" if delay_s is None else f"{1e3 * delay_s:.0f} ms"
+        now = (
+            f"{mode.name}  error {1e3 * received.lateral_error_m:+.1f} mm"
+            f"  steer {self._sent_steer_rad:+.3f}"
+            f"  delay {delay}  rejected {received.refused}  lost {reception.lost}"
         )
+        return View(states, counts, now)
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON: those of ``RunFigures``, and
@@ -250,9 +261,11 @@ class ControllerNode:
             "peak_steer_rad": self._figures.peak_steer_rad,
             "law_failures": law.failures,
             **self._figures.report(self._failure),
-            "stale": self._safety.went_stale,
+            "stale": dict(self._safety.went_stale),
             "sensor_period": None if law.bus_history is None else law.bus_history.sensor_period(),
-            "delay": {"echo_s": self._delay.echo_s(self._figures.last_tick_ns)},
+            "delay": {
+                "echo_s": echo_delay_s(self._echo_rule, self._echo, self._figures.last_tick_ns)
+            },
             "accepted": reception.accepted,
             "lost": reception.lost,
             "rejected": reception.rejected,
@@ -279,7 +292,7 @@ class ControllerNode:
             sent_ns, command_rad, is_first = echo
             if code is _APPLYING:
                 self._command_rad = command_rad
-            self._delay.on_echo(sent_ns, now_ns)
+            self._echo = echo_step(self._echo_rule, self._echo, sent_ns, now_ns)
             if is_first:
                 self._figures.on_effect(now_ns - sent_ns, now_ns)
 
@@ -295,7 +308,7 @@ class ControllerNode:
         self._plausibility.step(motion, received.lateral_error_m, received.heading_error_rad)
         if self._plausibility.contradiction and self._stops_if_implausible:
             self._is_stopped = True
-            self._supervisor.on_own_fault()
+            self._supervisor.has_own_fault = True
         if self._fit is not None:
             self._fit.step(motion)
 
@@ -311,7 +324,7 @@ class ControllerNode:
             if law_rad is not None:
                 return law_rad
             if self._law.is_distrusted:
-                supervisor.on_own_fault()
+                supervisor.has_own_fault = True
             self._move_on(now_ns, law_failed=True)
         elif mode is _SAFE_STOP:
             return ramp_step(self._ramp_step_rad, self._sent_steer_rad)
@@ -363,6 +376,3 @@ class ControllerNode:
             return ()
         shown = None if self._fit is None else self._fit.report()["virtual_mass_kg"]
         return (self._statuses.model(belief, shown),)
-
-    def _safety_frame(self, now_ns: int) -> Frame:
-        return self._safety.frame(self._fault, now_ns)

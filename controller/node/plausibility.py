@@ -97,16 +97,8 @@ class Plausibility:
 
     def __init__(self, vehicle: NominalVehicle | None, *, has_plans: bool) -> None:
         self._vehicle = vehicle
-        self._names = [
-            name
-            for name, is_compared in (
-                ("heading", True),
-                ("lateral", vehicle is not None),
-                ("yaw", vehicle is not None),
-                ("command", not has_plans),
-            )
-            if is_compared
-        ]
+        by_vehicle = () if vehicle is None else ("lateral", "yaw")
+        self._names = ("heading", *by_vehicle, *(() if has_plans else ("command",)))
         self.contradiction = ""
         self.restart()
 

@@ -71,22 +71,3 @@ def delay_status(delay_s: float | None) -> DelayStatus:
     if delay_s is None:
         return DelayStatus(echo_delay_s=0.0, echo_state=EchoState.UNKNOWN)
     return DelayStatus(echo_delay_s=min(delay_s, _DELAY_S_MAX), echo_state=EchoState.KNOWN)
-
-
-class ReportedDelay:
-    """Measures the delay by the echo of the command counter."""
-
-    def __init__(self, rule: EchoRule) -> None:
-        self._rule, self._x = rule, NO_ECHO
-
-    def on_echo(self, sent_ns: int, now_ns: int) -> None:
-        """Take an echo of a command by when that was sent."""
-        self._x = echo_step(self._rule, self._x, sent_ns, now_ns)
-
-    def echo_s(self, now_ns: int) -> float | None:
-        """Return the delay [s], None while it is unknown."""
-        return echo_delay_s(self._rule, self._x, now_ns)
-
-    def status(self, now_ns: int) -> DelayStatus:
-        """Return the message."""
-        return delay_status(self.echo_s(now_ns))

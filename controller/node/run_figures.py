@@ -1,15 +1,58 @@
-"""Figures of a run of the controller, for its report."""
+"""Figures of a run of the controller, and its verdict on its own work, for its report.
+
+How the path was held is the plant's to judge.
+"""
 
 import math
 from collections import Counter
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import Any, NamedTuple
 
 from ...dbc.messages import Mode, Validity
 from ...runtime.node import NS_PER_S
 from ...runtime.node.statistics import DurationStatistics, durations_report
 from ..law_interface import LawOutput
-from .control_verdict import control_verdict
+
+
+class ControlVerdict(StrEnum):
+    """How a run of the controller ended."""
+
+    NO_START = "no start"  # no measurement ever arrived
+    FAULT = "fault"  # it has found a fault in itself
+    SAFE_STOP = "safe stop"  # measurements have stopped
+    HOLDING = "holding"  # measurements have just stopped
+    NO_EFFECT = "no effect"  # the law steers, but the plant no longer follows its commands
+    IN_CONTROL = "in control"  # the run ends with the law steering
+
+
+EFFECT_NS = 1_000_000_000
+"""Without a new echo for longer, commands have no effect: however long the latency, the echo of an
+older one comes with every measurement. A slow controller has EFFECT_PERIODS instead."""
+EFFECT_PERIODS = 20
+_OF_MODE: Mapping[Mode, ControlVerdict] = {
+    Mode.WAITING: ControlVerdict.NO_START,
+    Mode.ACTIVE: ControlVerdict.IN_CONTROL,
+    Mode.HOLDING: ControlVerdict.HOLDING,
+    Mode.SAFE_STOP: ControlVerdict.SAFE_STOP,
+}
+"""Verdict on a run that ends in a mode without a fault of its own."""
+
+
+def control_verdict(
+    failure: str, mode: Mode, in_effect: int, silent_ns: int, period_ns: int
+) -> ControlVerdict:
+    """Return the verdict on a run that ends in ``mode``, with a fault of its own or none.
+
+    ``silent_ns``  time since the last of the commands that took effect, ``in_effect`` of them
+    """
+    if failure:
+        return ControlVerdict.FAULT
+    verdict = _OF_MODE[mode]
+    is_silent = silent_ns > max(EFFECT_NS, EFFECT_PERIODS * period_ns)
+    if verdict is ControlVerdict.IN_CONTROL and (is_silent or not in_effect):
+        return ControlVerdict.NO_EFFECT
+    return verdict
 
 
 class ControlSample(NamedTuple):
@@ -57,7 +100,7 @@ class RunFigures:
         self._squares_m2 = 0.0
         self._measured_peak_m = 0.0
         self._limited: Counter[str] = Counter()
-        self._validity: Counter[Validity] = Counter()
+        self.validity: Counter[Validity] = Counter()
 
     def on_mode(self, entered: Mode) -> None:
         """Add the time up to this tick to the mode that ends with it."""
@@ -85,10 +128,6 @@ class RunFigures:
             self._measured_peak_m = abs(measured_m)
         if limit:
             self._limited[limit] += 1
-
-    def on_validity(self, validity: Validity) -> None:
-        """Record a status period in which the settings held, or did not."""
-        self._validity[validity] += 1
 
     def keep(self, sample: ControlSample) -> None:
         """Store a control period in ``samples``."""
@@ -130,8 +169,8 @@ class RunFigures:
             "limited_share": sum(self._limited.values()) / ticks,
             "limited_share_by": {name: n / ticks for name, n in self._limited.most_common()},
             "validity_share": {
-                state.name.lower(): count / self._validity.total()
-                for state, count in sorted(self._validity.items())
+                state.name.lower(): count / self.validity.total()
+                for state, count in sorted(self.validity.items())
             },
             "holds": self._holds,
             "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in mode_ns.items()},

@@ -14,7 +14,6 @@ back, so that the number of reports is bounded. Lost frames alone wait for the n
 network loses some all the time.
 """
 
-from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from ...dbc.messages import (
@@ -56,13 +55,6 @@ class SafetyFacts(NamedTuple):
     second_sender: SecondSender
     validity: Validity
     motion_request: MotionRequest
-
-
-def newly_stale(x: SafetyFacts, before: SafetyFacts) -> Iterator[str]:
-    """Return which messages have become stale since."""
-    for name in _AGES:
-        if getattr(x, name) is _STALE and getattr(before, name) is not _STALE:
-            yield name
 
 
 def is_worse(x: SafetyFacts, reported: SafetyFacts) -> bool:
@@ -151,15 +143,10 @@ class SafetyReport:
         self._fresh_until_ns = -1
         """Until when the facts hold, if that has not changed [ns]."""
         self._before: SafetyFacts | None = None
-        self._went_stale = dict.fromkeys(_AGES, 0)
+        self.went_stale = dict.fromkeys(_AGES, 0)
         self._reported: SafetyFacts | None = None
         self._reported_ns = 0
         self._sender = Sender(ControllerSafety)
-
-    @property
-    def went_stale(self) -> Mapping[str, int]:
-        """How often each message has become stale."""
-        return dict(self._went_stale)
 
     def judge_validity(self, delay_s: float | None, *, fits_model: bool) -> None:
         """Compare the speed and a delay, None if unknown, with the table.
@@ -177,8 +164,9 @@ class SafetyReport:
         if facts is before and facts is reported:
             return False
         if before is not None and facts != before:
-            for name in newly_stale(facts, before):
-                self._went_stale[name] += 1
+            for name in _AGES:
+                if getattr(facts, name) is _STALE and getattr(before, name) is not _STALE:
+                    self.went_stale[name] += 1
         self._before = facts
         return reported is not None and is_report_due(facts, reported, now_ns - self._reported_ns)
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from steer_by_wire.closed_loop.pair.agreed_point import judged_like
 from steer_by_wire.closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
 from steer_by_wire.controller.laws import LAWS
-from steer_by_wire.controller.node.contradicted_settings import sparse_measurements
+from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle

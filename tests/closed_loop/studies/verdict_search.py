@@ -32,7 +32,7 @@ from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.studies.compiled_runs import verdict_on
 from steer_by_wire.controller.analysis.check_figures import loop_around, stable_delays_of
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
-from steer_by_wire.controller.node.contradicted_settings import sparse_measurements
+from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset

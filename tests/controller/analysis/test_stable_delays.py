@@ -15,7 +15,7 @@ from steer_by_wire.controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, Sa
 from steer_by_wire.controller.analysis.stable_delays import (
     DELAY_NS_MAX,
     RESOLUTION_NS,
-    DelayInterval,
+    Interval,
     delay_margin_ns,
     stable_delays,
 )
@@ -67,7 +67,7 @@ def test_the_delay_an_integrator_tolerates_is_that_of_its_polynomial(whole_perio
 
 def test_a_loop_that_tolerates_every_delay_up_to_the_limit_has_no_margin_to_tell() -> None:
     stable = stable_delays(proportional_loop(0.01))
-    assert stable == (DelayInterval(0, DELAY_NS_MAX),)
+    assert stable == (Interval(0, DELAY_NS_MAX),)
     assert delay_margin_ns(stable) is None
 
 

@@ -77,7 +77,7 @@ def drive(random: Random) -> None:
         if random.random() < 0.1:
             supervisor.goes_forward = told.goes_forward = random.random() < 0.7
         if random.random() < 0.01:
-            supervisor.on_own_fault()
+            supervisor.has_own_fault = True
             told.at_fault = True
         law_failed = random.random() < 0.05
         assert supervisor.stays_active(told.newest_ns, now_ns) == told.may_stay(now_ns)

@@ -3,36 +3,38 @@
 import pytest
 
 from steer_by_wire import simulate
-from steer_by_wire.controller.node.reported_delay import EchoRule, ReportedDelay
+from steer_by_wire.controller.node.reported_delay import (
+    NO_ECHO,
+    EchoRule,
+    delay_status,
+    echo_delay_s,
+    echo_step,
+)
 from steer_by_wire.dbc.messages import DelayStatus, EchoState, limits
 from steer_by_wire.runtime.node import NS_PER_S
 
 PERIOD_NS = 10_000_000
-
-
-def measuring() -> ReportedDelay:
-    return ReportedDelay(EchoRule(PERIOD_NS / 2, 500e6, 300_000_000))
+RULE = EchoRule(PERIOD_NS / 2, 500e6, 300_000_000)
 
 
 def test_the_echo_measures_down_and_up_less_half_a_period() -> None:
-    delay = measuring()
-    assert delay.status(0) == DelayStatus(0.0, EchoState.UNKNOWN)
+    echo = NO_ECHO
+    assert echo_delay_s(RULE, echo, 0) is None
     for counter in range(100):
         now_ns = counter * PERIOD_NS
         # Sent 5 ms after the tick, echoed 12 periods after it and 3 ms.
         sent_ns = now_ns - 12 * PERIOD_NS + 5_000_000
-        delay.on_echo(sent_ns, now_ns + 3_000_000)
+        echo = echo_step(RULE, echo, sent_ns, now_ns + 3_000_000)
     end_ns = 100 * PERIOD_NS
-    assert delay.echo_s(end_ns) == pytest.approx(0.118 - 0.005)
-    assert delay.status(end_ns).echo_state is EchoState.KNOWN
-    assert delay.echo_s(end_ns + NS_PER_S) is None
+    assert echo_delay_s(RULE, echo, end_ns) == pytest.approx(0.118 - 0.005)
+    assert echo_delay_s(RULE, echo, end_ns + NS_PER_S) is None
 
 
-def test_a_delay_beyond_the_signal_is_sent_as_its_largest_value() -> None:
-    delay = measuring()
-    delay.on_echo(0, 10 * NS_PER_S)
+def test_a_delay_is_sent_within_the_range_of_its_signal() -> None:
     largest_s = limits(DelayStatus)["echo_delay_s"].maximum
-    assert delay.status(10 * NS_PER_S) == DelayStatus(largest_s, EchoState.KNOWN)
+    assert delay_status(None) == DelayStatus(0.0, EchoState.UNKNOWN)
+    assert delay_status(0.1) == DelayStatus(0.1, EchoState.KNOWN)
+    assert delay_status(10.0) == DelayStatus(largest_s, EchoState.KNOWN)
 
 
 def test_a_run_reports_the_networks_delay_within_half_a_period() -> None:
