@@ -1,12 +1,12 @@
-"""When commands arrive if each draws its own, independent latency; in whole steps.
+"""When commands arrive if each draws its own, independent latency; in whole control periods.
 
-With a share p of all commands lost, those that have not arrived after b-1 steps arrive at the next
-with probability
+With a share p of all commands lost, those that have not arrived after b-1 periods arrive at the
+next with probability
 
-    h_b = (1 - p) (F_b - F_(b-1)) / (1 - (1 - p) F_(b-1)),     F_b = P(latency ≤ b steps)
+    h_b = (1 - p) (F_b - F_(b-1)) / (1 - (1 - p) F_(b-1)),     F_b = P(latency ≤ b periods)
 
-A continuous latency is rounded to the nearest step, which keeps its mean: one step a control period
-is then as good as ten that round up. A latency of zero arrives in the very step it is sent in.
+A continuous latency is rounded to the nearest whole period, which keeps its mean. A latency of zero
+arrives in the very period it is sent in.
 """
 
 from collections.abc import Callable
@@ -25,16 +25,14 @@ LatencyCdf = Callable[[FloatArray], FloatArray]
 
 
 class Arrivals(NamedTuple):
-    """When commands arrive, in steps.
+    """When commands arrive.
 
-    ``cdf``               P(latency ≤ b steps) for b = 0, 1, ..., ascending; then as the last
-    ``loss``              share of commands that never arrive, 0 to below 1
-    ``steps_per_period``  steps δ of one control period
+    ``cdf``   P(latency ≤ b periods) for b = 0, 1, ..., ascending; then as the last
+    ``loss``  share of commands that never arrive, 0 to below 1
     """
 
     cdf: FloatArray
     loss: float = 0.0
-    steps_per_period: int = 1
 
 
 def gamma_cdf(mean_s: float, spread_s: float) -> LatencyCdf:
@@ -50,22 +48,19 @@ def constant_cdf(mean_s: float) -> LatencyCdf:
     return lambda t: np.where(t >= mean_s * (1.0 - 1e-12), 1.0, 0.0)
 
 
-def arrivals(
-    cdf: LatencyCdf, period_ns: int, loss: float = 0.0, steps_per_period: int = 1
-) -> Arrivals:
-    """Return the arrivals of a latency rounded to the nearest step, as far as its tail matters."""
-    step_s = period_ns / NS_PER_S / steps_per_period
+def arrivals(cdf: LatencyCdf, period_ns: int, loss: float = 0.0) -> Arrivals:
+    """Return the arrivals of a latency rounded to whole periods, as far as its tail matters."""
     count = 64
     while True:
-        values = cdf((np.arange(count, dtype=np.float64) + 0.5) * step_s)
+        values = cdf((np.arange(count, dtype=np.float64) + 0.5) * (period_ns / NS_PER_S))
         if values[-1] >= 1.0 - 1e-3 * AGE_PROBABILITY_MIN or count >= 1 << 16:
             needed = int(np.searchsorted(values, 1.0 - 1e-3 * AGE_PROBABILITY_MIN)) + 1
-            return Arrivals(values[:needed], loss, steps_per_period)
+            return Arrivals(values[:needed], loss)
         count *= 2
 
 
 def hazards_by_age(when: Arrivals) -> tuple[FloatArray, int]:
-    """Return h_b for the ages to follow, shape (steps,), and the largest of them in periods.
+    """Return h_b for the ages to follow, shape (ages,), and the largest of them.
 
     Followed are commands up to the age at which, but for AGE_PROBABILITY_MIN, a newer one has come.
     Raises ValueError where none ever comes.
@@ -76,11 +71,11 @@ def hazards_by_age(when: Arrivals) -> tuple[FloatArray, int]:
     still_out, oldest = 1.0, -1
     while still_out >= AGE_PROBABILITY_MIN:  # none of the ages 0 to oldest has arrived
         oldest += 1
-        still_out *= 1.0 - arrived[min(oldest * when.steps_per_period, len(arrived) - 1)]
-    steps = (oldest + 1) * when.steps_per_period
-    padded = np.concatenate([[0.0], arrived, np.full(max(0, steps - len(arrived)), arrived[-1])])
+        still_out *= 1.0 - arrived[min(oldest, len(arrived) - 1)]
+    ages = oldest + 1
+    padded = np.concatenate([[0.0], arrived, np.full(max(0, ages - len(arrived)), arrived[-1])])
     out_before = 1.0 - padded[:-1]
     hazards = np.divide(
         np.diff(padded), out_before, out=np.ones_like(out_before), where=out_before > 0.0
     )
-    return hazards[:steps], oldest
+    return hazards[:ages], oldest

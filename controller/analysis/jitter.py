@@ -14,9 +14,9 @@ With a latency that does not vary it is ``SampledLoop.decay_1_s``. Stability in 
 stronger than stability of almost every run: rare runs that grow for long enough can make the mean
 square unbounded although every single run decays. The converse cannot happen.
 
-``arrivals`` defines when commands arrive, in steps T/steps_per_period. Commands are followed up to
-the age that is exceeded with a probability below AGE_PROBABILITY_MIN; if it is exceeded, the next
-command is held without an arrival.
+``arrivals`` defines when commands arrive, in whole periods. Commands are followed up to the age
+that is exceeded with a probability below AGE_PROBABILITY_MIN; if it is exceeded, the next command
+is held without an arrival.
 """
 
 import math
@@ -96,7 +96,7 @@ class _MomentRecursion:
 
     def __init__(self, loop: SampledLoop, when: Arrivals) -> None:
         hazards, oldest = hazards_by_age(when)
-        youngest = int(np.argmax(hazards > 0.0)) // when.steps_per_period
+        youngest = int(np.argmax(hazards > 0.0))
         law, (a, b, c) = without_idle_states(loop.law), companion_form(loop.model)
         plant_end, law_end = len(b), len(b) + len(law.b)
         order, modes = law_end + oldest + 1, oldest + 1 - youngest
@@ -107,8 +107,8 @@ class _MomentRecursion:
             )
         self._shape = (modes, order, order)
         self._plant_end = plant_end
-        step_s = loop.period_ns / NS_PER_S / when.steps_per_period
-        self._transition, self._hold = zero_order_hold(a, b, step_s)
+        self._period_s = loop.period_ns / NS_PER_S
+        self._transition, self._hold = zero_order_hold(a, b, self._period_s)
         self._held_rows = law_end + youngest + np.arange(modes)
         self._law = np.zeros((law_end + 1 - plant_end, law_end))  # the law anew, and its command
         self._law[:-1, :plant_end] = np.outer(law.b, c)
@@ -117,9 +117,7 @@ class _MomentRecursion:
         if law.heading is not None:
             read = np.append(law.heading.b, law.heading.d)
             self._law[:, :plant_end] += np.outer(read, heading_row(loop.model))
-        ages = np.arange(youngest, oldest + 1) * when.steps_per_period
-        self._choices = [newest_arrivals(hazards[ages + s]) for s in range(when.steps_per_period)]
-        self._period_s = loop.period_ns / NS_PER_S
+        self._chosen, self._kept = newest_arrivals(hazards[youngest:])
 
     def is_stable(self) -> bool:
         """Whether the moments decay; far from zero the rate need not be accurate for that."""
@@ -162,15 +160,14 @@ class _MomentRecursion:
     def _over(self, periods: int, moments: FloatArray) -> FloatArray:
         x, spare = moments.reshape(self._shape).copy(), np.empty(self._shape)
         for _ in range(periods):
-            for chosen, kept in self._choices:
-                _redistribute(x, chosen, kept)
-                self._move(x)
+            _redistribute(x, self._chosen, self._kept)
+            self._move(x)
             self._decide(x, spare)
             x, spare = spare, x
         return x.reshape(-1)
 
     def _move(self, x: FloatArray) -> None:
-        """Move the plant by one step, each mode with the command that it holds."""
+        """Move the plant by one period, each mode with the command that it holds."""
         end, each = self._plant_end, np.arange(len(x))
         held = x[each, self._held_rows][:, None, :]
         x[:, :end] = self._transition @ x[:, :end] + self._hold[:, None] * held

@@ -39,6 +39,12 @@ class NominalVehicle(NamedTuple):
     speed_m_s: float  # V
 
 
+def understeer_gradient_s2_m(vehicle: NominalVehicle) -> float:
+    """Return K of the steady steer (L + K V²) ρ."""
+    m, _, c_f, c_r, l_f, l_r, _, _ = vehicle
+    return m / (l_f + l_r) * (l_r / c_f - l_f / c_r)
+
+
 def paper_eq19() -> TransferFunction:
     """Return G_n of (19), coefficients as printed.
 

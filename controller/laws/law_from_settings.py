@@ -27,21 +27,11 @@ _Table = TypeVar("_Table")
 
 
 class LawDesign(NamedTuple):
-    """A law ready to run; ``Any`` stands for the law's own params and state records.
+    """A law ready to run: the functions of its record (``Law``) with settings and params filled in.
 
-    ``params``         the law's params; of a law scheduled on speed, those at the lowest speed
-    ``initial_state``  after a constant lateral error [m], without steering
+    ``params``         of a law scheduled on speed, those at the lowest speed
+    ``initial_state``  the record's ``at_rest``, and ``recovered_state`` its ``after_hold``
     ``params_at``      of a law scheduled on speed: its params at a speed [m/s]; else None
-    ``looks_back``     whether the law reads more than the first two fields of its ``LawInput``
-    ``recovered_state``  after a hold, from the state before it and the lateral error now [m]; None:
-                       the law starts anew
-    ``commands_read``  number of its last commands that a law reads if it is linear in these and
-                       the lateral error alone; None for all other laws
-    ``heading_gain``   of a law that is linear in the newest heading error too [rad/rad]
-    ``looking_back``   analysis of a law that is linear at a constant latency only
-    ``plan``           as in the law's record
-    ``believes``       the model that the law steers by, from its state; None for a law without one,
-                       and for one of another package
     ``mistake``        the last exception of a law from another package; empty for none
     """
 
@@ -60,10 +50,7 @@ class LawDesign(NamedTuple):
 
 
 def design_law(settings: "LawSettings") -> LawDesign:
-    """Return the law of the settings, discretised at their rate, with its additions around it.
-
-    ``step(params, state, LawInput) -> (state, LawOutput)``.
-    """
+    """Return the law of the settings, discretised at their rate, with its additions around it."""
     law = settings.law_record
     design = _guarded(law, settings) if law.number is LawNumber.CUSTOM else _alone(law, settings)
     if settings.feed_forward is not None:

@@ -24,7 +24,7 @@ side wind, which the controller steers against, moves w by more than its deviati
 from math import sqrt
 from typing import Any, NamedTuple
 
-from ..filters.nominal_model import NominalVehicle
+from ..filters.nominal_model import NominalVehicle, understeer_gradient_s2_m
 from ..limits.designed_ranges import ValiditySettings
 from ..prediction.regression import Coefficients, regressed
 from ..settings import ControllerSettings
@@ -55,12 +55,6 @@ _LOG_2 = 0.6931471805599453
 _NEGLIGIBLE = -700.0
 _NARROWEST_S2_M = 1e-4
 """A box of no width in K gets this one: 0.03 m of L + K V² at 60 km/h."""
-
-
-def understeer_gradient_s2_m(vehicle: NominalVehicle) -> float:
-    """Return K of the steady steer (L + K V²) ρ."""
-    m, _, c_f, c_r, l_f, l_r, _, _ = vehicle
-    return m / (l_f + l_r) * (l_r / c_f - l_f / c_r)
 
 
 def gradients_s2_m(vehicle: NominalVehicle, box: ValiditySettings) -> tuple[float, float]:

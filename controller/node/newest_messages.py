@@ -58,9 +58,9 @@ class Received:
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.reception = Reception(RECEIVED, settings.counters, SENT)
-        self.errors, self.statuses, self.states = map(self.reception.newest, SUPERVISED)
+        self._checks = tuple(map(self.reception.newest, SUPERVISED))
+        self.errors, self.statuses, self.states = self._checks
         self._limits = settings.age_limits
-        self._vehicle_limit_ns = self._limits.vehicle_state_ns
         self.lateral_error_m = self.heading_error_rad = self.wheel_rad = 0.0
         self.steering = SteeringStatusCode.NO_COMMAND
         self.vehicle = NO_VEHICLE
@@ -81,7 +81,7 @@ class Received:
     def vehicle_at(self, now_ns: int) -> VehicleReading:
         """Return the newest motion of the vehicle, marked if it is stale."""
         arrival_ns = self.states.arrival_ns
-        if arrival_ns is not None and now_ns - arrival_ns > self._vehicle_limit_ns:
+        if arrival_ns is not None and now_ns - arrival_ns > self._limits.vehicle_state_ns:
             return self.vehicle._replace(is_stale=True)
         return self.vehicle
 
@@ -96,17 +96,10 @@ class Received:
 
     def silence_ns(self, now_ns: int) -> int:
         """Return the time since the newest message of the plant; 0 before the first [ns]."""
-        arrivals_ns = [
-            check.arrival_ns
-            for check in (self.errors, self.statuses, self.states)
-            if check.arrival_ns is not None
-        ]
-        return now_ns - max(arrivals_ns, default=now_ns)
+        arrivals_ns = (check.arrival_ns for check in self._checks)
+        return now_ns - max((each for each in arrivals_ns if each is not None), default=now_ns)
 
     def fresh_until_ns(self) -> int:
         """Return until when all of SUPERVISED, fresh now, stay fresh without new frames [ns]."""
-        checks = (self.errors, self.statuses, self.states)
-        return min(
-            (check.arrival_ns or 0) + limit_ns
-            for check, limit_ns in zip(checks, self._limits, strict=True)
-        )
+        pairs = zip(self._checks, self._limits, strict=True)
+        return min((check.arrival_ns or 0) + limit_ns for check, limit_ns in pairs)

@@ -22,7 +22,7 @@ from math import exp
 from typing import NamedTuple
 
 from ...dbc.messages import VehicleState
-from ..filters.nominal_model import NominalVehicle
+from ..filters.nominal_model import NominalVehicle, understeer_gradient_s2_m
 from ..filters.settings import VehicleModelSettings
 from ..settings import ControllerSettings
 
@@ -140,10 +140,10 @@ class Plausibility:
             "command": (wheel_rad * lasted_s, command_rad * lasted_s),
         }
         if self._vehicle is not None:
-            m, _, c_f, c_r, l_f, l_r, l_s, _ = self._vehicle
+            m, _, _, c_r, l_f, l_r, l_s, _ = self._vehicle
             length = l_f + l_r
             side_m = l_r - m * l_f * v * v / (c_r * length)
-            steer_m = length + m / length * (l_r / c_f - l_f / c_r) * v * v
+            steer_m = length + understeer_gradient_s2_m(self._vehicle) * v * v
             moved["lateral"] = (error_m - along * lasted_s, (side_m + l_s) * r * lasted_s)
             moved["yaw"] = (r * lasted_s, v * wheel_rad / steer_m * lasted_s)
         return moved

@@ -29,6 +29,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ...runtime.settings import Settings, SettingsError
+from ..filters.nominal_model import understeer_gradient_s2_m
 from ..filters.settings import VehicleModelSettings
 from ..matrices import Matrix, zero_order_hold
 from .riccati_equation import UnsolvableError, feedback_gain, filter_gains
@@ -142,11 +143,9 @@ def design_schedule(
     vehicle: VehicleModelSettings,
     period_s: float,
     sensor_period_s: float,
-    feedback: Feedback | None,
+    feedback: Feedback,
 ) -> GainSchedule:
     """Return the gains from the settings' least speed on; ``period_s`` is the controller's.
-
-    ``feedback``  None for a filter without feedback
 
     Raises SettingsError if there are no gains at a speed, naming it.
     """
@@ -169,16 +168,12 @@ def steady_turn_rad(
 ) -> float:
     """Return the steer of a steady turn with a lateral acceleration [rad].
 
-    a_y (L + K V²)/V²,  K = m̃/L (l_r/c_f - l_f/c_r); that of a neutral vehicle, a_y L/V², from the
-    critical speed of an oversteering one on.
+    a_y (L + K V²)/V²; that of a neutral vehicle, a_y L/V², from the critical speed of an
+    oversteering one on.
     """
     wheelbase_m = vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
-    compliance = (
-        vehicle.rear_axle_distance_m / vehicle.front_cornering_stiffness_n_rad
-        - vehicle.front_axle_distance_m / vehicle.rear_cornering_stiffness_n_rad
-    )
     squared = max(speed_m_s, _SPEED_M_S_MIN) ** 2
-    turning_m = wheelbase_m + vehicle.virtual_mass_kg / wheelbase_m * compliance * squared
+    turning_m = wheelbase_m + understeer_gradient_s2_m(vehicle.vehicle) * squared
     return acceleration_m_s2 / squared * (turning_m if turning_m > 0.0 else wheelbase_m)
 
 
@@ -218,16 +213,14 @@ def _rows(
     speeds_m_s: Sequence[float],
     period_s: float,
     sensor_period_s: float,
-    feedback: Feedback | None,
+    feedback: Feedback,
 ) -> Matrix:
     """Return the numbers of the gains at each speed; raises UnsolvableError."""
     f, g = sampled_vehicles(settings, vehicle, speeds_m_s, sensor_period_s)
     q, r = noise_covariances(settings, sensor_period_s)
     measured = np.eye(len(_FILTERED))[list(_MEASURED)]
     each_k = filter_gains(f[:, : len(_FILTERED), : len(_FILTERED)], measured, q, r, GAP_DOUBLINGS)
-    steer = np.zeros((len(speeds_m_s), 7))
-    if feedback is not None:
-        steer = _feedback(settings, vehicle, speeds_m_s, period_s, feedback)
+    steer = _feedback(settings, vehicle, speeds_m_s, period_s, feedback)
     columns = (BETA, R, D, DELTA)
     path = (BETA, R, RHO, D, DELTA)
     entries = (

@@ -26,6 +26,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...dbc.codec.sender_watch import second_sender_line
 from ...dbc.messages import (
     CAN_IDS,
     DisturbanceConfig,
@@ -56,7 +57,7 @@ from ..vehicle.motion_parameters import MotionParams, motion_params
 from ..vehicle.plugin_equations import make_motion
 from .disturbances_set_by_tools import LiveDisturbances
 from .interventions import Interventions
-from .live_view import plant_view
+from .live_view import MODES, controller_text
 from .plant_status import PlantStatusFrames, PlantStatusTiming
 from .self_detected_faults import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfDetectedFault
 from .settings_without_effect import settings_without_effect
@@ -92,7 +93,6 @@ class PlantNode:
         samples_max: int = SAMPLES_MAX,
     ) -> None:
         self._settings = settings
-        self._noise_m = settings.sensor_noise.lateral_error_m
         self._duration_ns = settings.duration_ns
         self.motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         params = (
@@ -225,15 +225,29 @@ class PlantNode:
 
     def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
         """Return what a user should see now."""
-        return plant_view(
-            self._unit,
-            self._own_fault.failure,
-            self._reception,
-            self._network,
-            self.interventions.newest_text(),
-            self._command,
-            self._record.figures,
+        unit, reception, network = self._unit, self._reception, self._network
+        failure = self._own_fault.failure
+        states = {
+            "mode": MODES[unit.mode],
+            "controller": controller_text(self._command),
+            "intervention": self.interventions.newest_text(),
+            "second sender": second_sender_line(reception.second_senders),
+            "failure": failure and f"fault of this program: {failure}",
+        }
+        counts = {
+            **{f"frames rejected, {cause}": n for cause, n in reception.rejected.items()},
+            **{f"commands limited, {cause}": n for cause, n in unit.interventions.items()},
+            "restarts of the controller accepted": reception.resynchronised,
+        }
+        down_ms, up_ms = (
+            each.latest_latency_ns * 1e-6 for each in (network.downlink, network.uplink)
         )
+        now = (
+            f"{unit.mode.name}  error {1e3 * self._record.figures.lateral_error_final_m:+.1f} mm"
+            f"  steer {unit.target_rad:+.3f}  {down_ms:.0f}+{up_ms:.0f} ms"
+            f"  rejected {reception.refused}  lost {network.lost}"
+        )
+        return View(states, counts, now)
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
@@ -251,7 +265,11 @@ class PlantNode:
             "seed": self._settings.seed,
             "failure": self._own_fault.failure,
             **motion_report(
-                record.figures, self._motion.time_ns, record.rules, self._noise_m, record.period_s
+                record.figures,
+                self._motion.time_ns,
+                record.rules,
+                self._settings.sensor_noise.lateral_error_m,
+                record.period_s,
             ),
             "downlink": line_report(self._network.downlink),
             "uplink": line_report(self._network.uplink),

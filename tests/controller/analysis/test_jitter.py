@@ -34,11 +34,9 @@ MS_NS = 1_000_000
 PERIOD_S = 0.01
 
 
-def decay_1_s(
-    chosen: ControllerSettings, mean_ms: int, spread_ms: int, loss: float = 0.0, steps: int = 1
-) -> float:
+def decay_1_s(chosen: ControllerSettings, mean_ms: int, spread_ms: int, loss: float = 0.0) -> float:
     cdf = gamma_cdf(mean_ms / 1e3, spread_ms / 1e3)
-    return mean_square_decay_1_s(loop_of(chosen), arrivals(cdf, 10 * MS_NS, loss, steps))
+    return mean_square_decay_1_s(loop_of(chosen), arrivals(cdf, 10 * MS_NS, loss))
 
 
 # By hand
@@ -104,14 +102,6 @@ def test_a_latency_that_does_not_vary_has_the_rate_of_the_poles(
     assert (mean_square_decay_1_s(loop, when) > 0.0) == loop.is_stable(delay_ms * MS_NS)
 
 
-@pytest.mark.parametrize("delay_ms", [2, 44, 85])
-def test_steps_within_the_period_take_a_delay_of_parts_of_it(delay_ms: int) -> None:
-    loop = loop_of(PD)
-    when = arrivals(constant_cdf(delay_ms / 1e3), loop.period_ns, steps_per_period=10)
-    expected_1_s = loop.decay_1_s(delay_ms * MS_NS)
-    assert mean_square_decay_1_s(loop, when) == pytest.approx(expected_1_s, rel=1e-4)
-
-
 # Distributions
 
 
@@ -120,11 +110,6 @@ def test_the_distribution_is_that_of_the_plant(mean_s: float, spread_s: float) -
     for u in (0.001, 0.2, 0.5, 0.9, 0.999):
         cdf = gamma_cdf(mean_s, spread_s)(np.array([gamma_quantile(u, mean_s, spread_s)]))
         assert cdf[0] == pytest.approx(u, abs=1e-9)
-
-
-def test_one_step_a_period_is_near_what_many_steps_find() -> None:
-    coarse, fine = (decay_1_s(PD, 80, 18, 0.01, steps) for steps in (1, 10))
-    assert coarse == pytest.approx(fine, abs=0.02)
 
 
 # Against simulation

@@ -24,6 +24,7 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.prediction.gains_over_speed import (
     PSI,
     EstimatorSettings,
+    Feedback,
     Y,
     design_schedule,
     noise_covariances,
@@ -104,7 +105,7 @@ def settled_gain(reference: KalmanFilter) -> np.ndarray:
 @pytest.mark.parametrize(("noise", "speed_m_s"), combined([*NOISES], [0.5, 1.39, 8.0, 25.0]))
 def test_filterpy_settles_at_the_gain_of_the_riccati_equation(noise: str, speed_m_s: float) -> None:
     settings = NOISES[noise].model_copy(update={"speed_m_s_min": speed_m_s, "speed_m_s_max": 80.0})
-    schedule = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, None)
+    schedule = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, Feedback(1.0, 0.0))
     reference = reference_filter(settings, speed_m_s)
     gain = settled_gain(reference)
     corrections = schedule.gains[0].corrections
@@ -229,7 +230,7 @@ def test_for_data_of_its_own_model_the_innovations_are_white_and_as_large_as_the
     """Consistency: 20,000 samples; bounds at four standard deviations of what chance leaves."""
     samples, speed_m_s = 20_000, 1.39
     settings = EstimatorSettings(speed_m_s_min=speed_m_s, speed_m_s_max=80.0)
-    gains = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, None).gains[0]
+    gains = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, Feedback(1.0, 0.0)).gains[0]
     (f,), (g,) = sampled_vehicles(settings, vehicle(), [speed_m_s], SENSOR_PERIOD_S)
     q, r = noise_covariances(settings, SENSOR_PERIOD_S)
     reference = reference_filter(settings, speed_m_s)
