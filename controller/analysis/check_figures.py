@@ -83,11 +83,18 @@ def loop_around(settings: ControllerSettings, vehicle: NominalVehicle, known: Re
 
     Raises ValueError where the two periods have no common multiple.
     """
-    design = design_law(linear(settings))
+    design = _analysed_law(settings)
     if design.looking_back is None:
-        design = design_law(settings.model_copy(update={"followed_point": "preview"}))
         return _loop_of(settings, design, vehicle, known)
     return PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), known)
+
+
+def _analysed_law(settings: ControllerSettings) -> LawDesign:
+    """Return the law, without its set point if that is outside the loop."""
+    design = design_law(linear(settings))
+    if design.looking_back is not None or settings.followed_point == "preview":
+        return design
+    return design_law(settings.model_copy(update={"followed_point": "preview"}))
 
 
 def _loop_of(
@@ -132,12 +139,10 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
         "period_s": settings.period_ns / NS_PER_S,
         "not_analysed": "",
     }
-    design = design_law(linear(settings))
+    design = _analysed_law(settings)
     if design.looking_back is not None:
         loop_model = LoopModel(vehicle_of(settings).vehicle)
         return figures | _looking_back(settings, design, design.looking_back, loop_model, progress)
-    if settings.followed_point != "preview":  # its set point is outside the loop
-        design = design_law(settings.model_copy(update={"followed_point": "preview"}))
     try:
         law = law_system(design)
     except NotLinearError as error:

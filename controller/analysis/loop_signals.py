@@ -18,9 +18,8 @@ from ..filters.nominal_model import NominalVehicle
 from ..filters.transfer_function import TransferFunction
 from ..history.echo_delay import LoopDelayParams
 from ..matrices import zero_order_hold
+from ..prediction.gains_over_speed import BETA, DELTA, PSI, R, Y, continuous_vehicle
 from .linear_system import companion_form
-
-BETA, R, PSI, Y, WHEEL = range(5)
 
 
 class LoopModel(NamedTuple):
@@ -225,20 +224,10 @@ def continuous_model(loop_model: LoopModel) -> tuple[FloatArray, FloatArray]:
     """Return vehicle and actuator, SAE 2018-01-1086 (1), from the command."""
     if isinstance(loop_model.vehicle, TransferFunction):
         return _observer_form(loop_model.vehicle)
-    m, j, c_f, c_r, l_f, l_r, l_s, v = loop_model.vehicle
-    a = np.zeros((5, 5))
-    a[BETA, BETA] = -(c_r + c_f) / (m * v)
-    a[BETA, R] = -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2)
-    a[R, BETA] = (c_r * l_r - c_f * l_f) / j
-    a[R, R] = -(c_r * l_r**2 + c_f * l_f**2) / (j * v)
-    a[PSI, R] = 1.0
-    a[Y, BETA], a[Y, R], a[Y, PSI] = v, l_s, v
-    a[BETA, WHEEL], a[R, WHEEL] = c_f / (m * v), c_f * l_f / j
-    b = np.zeros(5)
-    if loop_model.actuator_lag_s == 0.0:
-        return a[:WHEEL, :WHEEL], a[:WHEEL, WHEEL]
-    a[WHEEL, WHEEL], b[WHEEL] = -1.0 / loop_model.actuator_lag_s, 1.0 / loop_model.actuator_lag_s
-    return a, b
+    vehicle, lag_s = loop_model.vehicle, loop_model.actuator_lag_s
+    a, b = continuous_vehicle(vehicle, vehicle.speed_m_s, lag_s)
+    states = [BETA, R, PSI, Y, *([DELTA] if lag_s else [])]
+    return a[np.ix_(states, states)], b[states]
 
 
 def _observer_form(model: TransferFunction) -> tuple[FloatArray, FloatArray]:

@@ -30,8 +30,9 @@ from ...runtime.node import NS_PER_S
 from ..history.echo_delay import LoopDelayParams
 from ..laws.law_from_settings import LawDesign
 from ..laws.predictor import NAME, PredictorSettings
+from ..prediction.gains_over_speed import Y
 from ..settings import ControllerSettings
-from .loop_signals import LoopMatrices, LoopModel, Signals, Timing, Y, continuous_model
+from .loop_signals import LoopMatrices, LoopModel, Signals, Timing, continuous_model
 from .sampled_loop import SLOWEST_DECAY_1_S
 from .stable_delays import DELAY_NS_MAX, SCAN_STEP_NS, Interval, stable_intervals
 from .unit_responses import own_floats, unit_responses

@@ -83,16 +83,9 @@ class SampledLoop:
         largest = float(np.abs(self.closed_loop_poles(delay_ns)[0]))
         return -math.log(largest) * NS_PER_S / self.period_ns
 
-    def loop_response(self, omega_rad_s: FloatArray, delay_ns: int) -> ComplexArray:
-        """Return the loop transfer at each ω above 0, up to Nyquist [rad/s].
-
-        The loop is cut where the command goes onto the bus; -1 is the critical point.
-        """
-        return self._responder(delay_ns)(omega_rad_s)
-
     def margins(self, delay_ns: int) -> StabilityMargins:
         """Return the classical margins at a constant delay, which mean little if unstable."""
-        response, omega_rad_s = self._responder(delay_ns), self._grid(delay_ns)
+        response, omega_rad_s = self.responder(delay_ns), self._grid(delay_ns)
         loop = response(omega_rad_s)
         real_at = _zeros(lambda omega: response(omega).imag, omega_rad_s, loop.imag)
         on_axis = np.append(response(real_at).real, loop[-1].real)  # z = -1 is always on the axis
@@ -112,8 +105,11 @@ class SampledLoop:
             peak_sensitivity_rad_s=peak_rad_s,
         )
 
-    def _responder(self, delay_ns: int) -> Callable[[FloatArray], ComplexArray]:
-        """Return the loop transfer as a function of ω, prepared for one delay."""
+    def responder(self, delay_ns: int) -> Callable[[FloatArray], ComplexArray]:
+        """Return the loop transfer as a function of ω above 0, up to Nyquist [rad/s].
+
+        The loop is cut where the command goes onto the bus; -1 is the critical point.
+        """
         a, b_new, b_old, c, whole_periods = held_plant(self.model, self.period_ns, delay_ns)
         law = without_idle_states(self.law)
 

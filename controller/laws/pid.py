@@ -98,10 +98,6 @@ def _design(settings: "LawSettings") -> PidParams:
     )
 
 
-def _heading_gain(p: PidParams) -> float:
-    return p.heading_gain
-
-
 LAW = Law(
     pid_step,
     pid_at_rest,
@@ -110,5 +106,5 @@ LAW = Law(
     settings=PidSettings,
     needs=("pd",),
     commands_read=last_command,
-    heading_gain=_heading_gain,
+    heading_gain=lambda p: p.heading_gain,
 )

@@ -108,10 +108,6 @@ def design_smith(settings: "LawSettings") -> SmithParams:
     return SmithParams(design_pd(settings.pd, period_s), compensation, delay_ticks)
 
 
-def _commands_read(p: SmithParams) -> int:
-    return int(p.delay_ticks) + 2
-
-
 LAW = Law(
     smith_step,
     smith_at_rest,
@@ -121,5 +117,5 @@ LAW = Law(
     needs=("pd", "nominal_model"),
     cutoffs=("washout_rad_s",),
     looks_back=True,
-    commands_read=_commands_read,
+    commands_read=lambda p: int(p.delay_ticks) + 2,
 )

@@ -72,7 +72,7 @@ NOT_FORWARD_M_S = 0.1
 """A vehicle slower than this stands or reverses, and no law steers it."""
 _TOLERANCE_M_S = resolutions(VehicleState)["speed_m_s"]
 _NO_LIMIT = sys.float_info.max
-_IN_WORDS: Mapping[Validity, str] = {
+VALIDITY_IN_WORDS: Mapping[Validity, str] = {
     Validity.UNKNOWN: "",
     Validity.VALID: "",
     Validity.SPEED_LOW: "the vehicle is slower than the settings are designed for",
@@ -141,8 +141,3 @@ def share_of_demand(p: DesignedRanges, speed_m_s: float) -> float:
         return 1.0
     ratio = p.speed_m_s_max / speed_m_s
     return ratio * ratio
-
-
-def in_words(validity: Validity) -> str:
-    """Return what is outside, for a screen; empty where nothing is."""
-    return _IN_WORDS[validity]

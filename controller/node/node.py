@@ -33,7 +33,7 @@ from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision, overrun_rule
 from ...runtime.node.periodic import PeriodicTimer
 from ..law_interface import VehicleReading
-from ..limits.designed_ranges import NOT_FORWARD_M_S, in_words
+from ..limits.designed_ranges import NOT_FORWARD_M_S, VALIDITY_IN_WORDS
 from ..limits.fades_and_ramps import ramp_step
 from ..limits.steer_limits import limit_name, limit_step
 from ..settings import ControllerSettings
@@ -213,7 +213,7 @@ class ControllerNode:
             "mode": MODES[mode],
             "plant": plant_text(freshness, ends_with_plant=self._ends_with_plant),
             "second sender": second_sender_line(reception.second_senders),
-            "validity": in_words(facts.validity),
+            "validity": VALIDITY_IN_WORDS[facts.validity],
             "request": REQUESTS[facts.motion_request],
             "failure": self._failure and f"fault: {self._failure}",
         }

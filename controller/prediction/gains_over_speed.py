@@ -29,7 +29,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ...runtime.settings import Settings, SettingsError
-from ..filters.nominal_model import understeer_gradient_s2_m
+from ..filters.nominal_model import NominalVehicle, understeer_gradient_s2_m
 from ..filters.settings import VehicleModelSettings
 from ..matrices import Matrix, zero_order_hold
 from .riccati_equation import UnsolvableError, feedback_gain, filter_gains
@@ -184,7 +184,7 @@ def sampled_vehicles(
     period_s: float,
 ) -> SampledVehicle:
     """Return the sampled vehicle at each speed."""
-    models = [_continuous(vehicle, speed, settings.actuator_lag_s) for speed in speeds_m_s]
+    models = [continuous_vehicle(vehicle, speed, settings.actuator_lag_s) for speed in speeds_m_s]
     a, b = map(np.array, zip(*models, strict=True))
     f, g = zero_order_hold(a, b, period_s)
     if settings.actuator_lag_s == 0.0:
@@ -266,7 +266,7 @@ def _steady_state(
     vehicle: VehicleModelSettings, speed_m_s: float, behind_m: float
 ) -> Sequence[float]:
     """Return the state that holds the followed point on a path of curvature 1/m, as above."""
-    a, b = (m.tolist() for m in _continuous(vehicle, speed_m_s, 0.0))
+    a, b = (m.tolist() for m in continuous_vehicle(vehicle, speed_m_s, 0.0))
     yaw_rate = speed_m_s
     determinant = a[BETA][BETA] * b[R] - a[R][BETA] * b[BETA]
     side_slip = yaw_rate * (b[BETA] * a[R][R] - b[R] * a[BETA][R]) / determinant
@@ -276,8 +276,8 @@ def _steady_state(
     return side_slip, yaw_rate, heading_error, lateral_error, 1.0, 0.0, wheel
 
 
-def _continuous(
-    vehicle: VehicleModelSettings, speed_m_s: float, lag_s: float
+def continuous_vehicle(
+    vehicle: VehicleModelSettings | NominalVehicle, speed_m_s: float, lag_s: float
 ) -> tuple[Matrix, Matrix]:
     """Return the model in continuous time; without a lag the wheel angle is the input."""
     v, m, j = speed_m_s, vehicle.virtual_mass_kg, vehicle.yaw_inertia_kg_m2

@@ -30,7 +30,12 @@ def settings_without_effect(
     late = [
         f"{what} from {at_s:g} s on: {end}" for what, at_s in _times(settings) if at_s >= motion_s
     ]
-    return [*late, *_spreads(settings), *_path(settings, path, motion_s), *_range(clamped)]
+    beyond = (
+        f"{clamped} measured values were beyond the range of their signal, and clamped to it"
+        " (a curvature of more than 0.2 1/m, for instance)"
+    )
+    path_lines = _path(settings, path, motion_s)
+    return [*late, *_spreads(settings), *path_lines, *([beyond] if clamped else [])]
 
 
 def _times(settings: PlantSettings) -> Iterator[tuple[str, float]]:
@@ -86,12 +91,4 @@ def _path(settings: PlantSettings, path: Path, motion_s: float) -> Iterator[str]
         yield (
             f"path asks for {needed_rad:.3g} rad of steer where it bends most, and the limit"
             f" {Cause(cause).name.lower()} allows {allowed_rad:.3g} rad"
-        )
-
-
-def _range(clamped: int) -> Iterator[str]:
-    if clamped:
-        yield (
-            f"{clamped} measured values were beyond the range of their signal, and clamped to it"
-            " (a curvature of more than 0.2 1/m, for instance)"
         )

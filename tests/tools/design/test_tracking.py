@@ -260,7 +260,7 @@ def test_the_count_of_slow_poles_is_that_of_the_eigenvalues(
 def test_the_peak_sensitivity_is_that_of_a_fine_nyquist_curve(law: str, delay_ns: int) -> None:
     design = design_law(preset(law))
     omega_rad_s = np.linspace(0.01, math.pi / PERIOD_S, 8_000)
-    curve = SampledLoop(design, MODELS[3], PERIOD_NS).loop_response(omega_rad_s, delay_ns)
+    curve = SampledLoop(design, MODELS[3], PERIOD_NS).responder(delay_ns)(omega_rad_s)
     peak = float(1.0 / np.abs(1.0 + curve).min())
     found = loop_figures(frequency_grid([MODELS[3]], [delay_ns], PERIOD_NS, 400), design)
     assert found.peak_sensitivity[0, 0] == pytest.approx(peak, rel=5e-3)
