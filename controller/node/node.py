@@ -2,14 +2,6 @@
 
 At every tick: mode table → law → limits → STEERING_COMMAND. The law does not know the age of its
 sample; freshness, modes and fallback are decided here, around it.
-
-    node.received              received values and their arrival times
-    node.modes                 the mode table
-    node.law_runner            the law, and the fading in of its commands
-    node.command_frames        the commands, and when each was sent
-    node.status_frames         status messages for monitoring
-    node.safety_alarms         what CONTROLLER_SAFETY must report
-    node.run_figures           figures for the report
 """
 
 from collections.abc import Mapping, Sequence
@@ -82,10 +74,8 @@ class ControllerNode:
         *,
         ends_with_plant: bool = False,
     ) -> None:
-        self._law_name = settings.law
+        self._settings = settings
         self._ends_with_plant = ends_with_plant
-        self._period_s = settings.period_ns / NS_PER_S
-        self._rate_hz = NS_PER_S / settings.period_ns
         self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
         self._limits = settings.steer_limits
         self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
@@ -99,7 +89,7 @@ class ControllerNode:
         self._falls_silent = settings.supervision.second_sender == "silent"
         self._law = LawRunner(settings, self._ramp_step_rad)
         self._sent_steer_rad = 0.0
-        periods_per_sample = settings.link.sensor_period_s / self._period_s
+        periods_per_sample = settings.link.sensor_period_s / (settings.period_ns / NS_PER_S)
         self._commands = CommandFrames(self._limits, periods_per_sample)
         self._echo_rule, self._echo = echo_rule(settings), NO_ECHO
         self._statuses = StatusFrames(settings.law_record.number)
@@ -108,7 +98,6 @@ class ControllerNode:
         self._judged_ns = start_ns
         vehicle = nominal_vehicle(settings)
         self._plausibility = Plausibility(vehicle, has_plans=self._law.design.plan is not None)
-        self._stops_if_implausible = settings.supervision.stops_if_implausible
         self._is_stopped = False
         self._fit = model_fit(settings)
         self._safety = SafetyReport(settings.validity, self._received, self._supervisor, start_ns)
@@ -248,8 +237,8 @@ class ControllerNode:
         timer, law, reception = self._control_timer, self._law, self._received.reception
         belief = law.belief
         return {
-            "law": self._law_name,
-            "rate_hz": self._rate_hz,
+            "law": self._settings.law,
+            "rate_hz": NS_PER_S / self._settings.period_ns,
             "ticks": timer.index - timer.skipped,
             "skipped_ticks": timer.skipped,
             "failure": self._failure,
@@ -306,7 +295,7 @@ class ControllerNode:
             return
         motion = mean_motion(reported, lasted_s)
         self._plausibility.step(motion, received.lateral_error_m, received.heading_error_rad)
-        if self._plausibility.contradiction and self._stops_if_implausible:
+        if self._plausibility.contradiction and self._settings.supervision.stops_if_implausible:
             self._is_stopped = True
             self._supervisor.has_own_fault = True
         if self._fit is not None:
@@ -342,11 +331,8 @@ class ControllerNode:
     def _command_frame(self, mode: Mode, now_ns: int, period: int) -> Frame:
         """Return the command of this period or its plan, and record that it was sent."""
         steer_rad, law, figures = self._sent_steer_rad, self._law, self._figures
-        bus_history, acting, arrival_ns = (
-            law.bus_history,
-            law.acting,
-            self._received.errors.arrival_ns,
-        )
+        bus_history, acting = law.bus_history, law.acting
+        arrival_ns = self._received.errors.arrival_ns
         is_planned = acting >= 0 and mode is _ACTIVE
         if is_planned and bus_history is not None:
             rows = bus_history.plan_of(period), bus_history.plan_of(period - 1)

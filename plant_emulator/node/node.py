@@ -32,6 +32,7 @@ from ...dbc.messages import (
     DisturbanceConfig,
     LatencyConfig,
     Message,
+    Mode,
     Rejection,
     SafetyState,
     SteeringCommand,
@@ -50,6 +51,7 @@ from ..path.path import Path
 from ..sensors.sampling import Sampling
 from ..settings import PlantSettings
 from ..steering.control_unit import SteeringUnit
+from ..steering.hold_and_fallback import GuardMode
 from ..steering.plan_buffer import PlanBuffer
 from ..steering.settings import design_guard
 from ..vehicle.exact_propagation import DELTA
@@ -57,7 +59,6 @@ from ..vehicle.motion_parameters import MotionParams, motion_params
 from ..vehicle.plugin_equations import make_motion
 from .disturbances_set_by_tools import LiveDisturbances
 from .interventions import Interventions
-from .live_view import MODES, controller_text
 from .plant_status import PlantStatusFrames, PlantStatusTiming
 from .self_detected_faults import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfDetectedFault
 from .settings_without_effect import settings_without_effect
@@ -70,6 +71,13 @@ SENT = sent_by("PLANT")
 """What the plant alone sends."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _STEERING_IDS = frozenset(CAN_IDS[message_type] for message_type in STEERING)
+_MODES: Mapping[GuardMode, str] = {
+    GuardMode.NO_COMMAND: "waiting for the first command",
+    GuardMode.FOLLOWING: "FOLLOWING the controller's commands",
+    GuardMode.HOLDING: "HOLDING the wheel: the controller's commands have stopped",
+    GuardMode.FALLBACK: "FALLBACK: no commands for too long, the wheel goes to its fallback angle",
+    GuardMode.SAFE_STATE: "SAFE_STATE: no command is followed any more",
+}
 
 
 class PlantNode:
@@ -226,10 +234,13 @@ class PlantNode:
     def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
         """Return what a user should see now."""
         unit, reception, network = self._unit, self._reception, self._network
-        failure = self._own_fault.failure
+        failure, command = self._own_fault.failure, self._command
+        reported = ""
+        if command is not None and command.mode is not Mode.ACTIVE:
+            reported = f"the controller reports {command.mode.name}"
         states = {
-            "mode": MODES[unit.mode],
-            "controller": controller_text(self._command),
+            "mode": _MODES[unit.mode],
+            "controller": reported,
             "intervention": self.interventions.newest_text(),
             "second sender": second_sender_line(reception.second_senders),
             "failure": failure and f"fault of this program: {failure}",
