@@ -50,6 +50,7 @@ from steer_by_wire.dbc.messages import (
     frame_of,
     limits,
 )
+from tests.support.frames.made_messages import message_with
 
 DATABASE = load_database()
 NAMES = {message_type: name for name, message_type in MESSAGE_TYPES.items()}
@@ -97,7 +98,16 @@ GOLDEN: list[tuple[Message, str, str]] = [
     # -2000 = 0x1FF_F830 in 25 bits; 100 << 25 = 0xC800_0000; sum 0x00_C9FF_F830
     (LateralError(-0.01, 0.02), "110", "8e60 07 30f8ffc900"),
     # 10000 = 0x2710; 1200 << 18 = 0x12C0_0000; 1 << 34; sum 0x04_12C0_2710
-    (SteeringStatus(0.1, 1200, SteeringStatusCode.APPLYING), "120", "9169 07 1027c01204"),
+    (
+        message_with(
+            SteeringStatus,
+            wheel_angle_rad=0.1,
+            applied_counter=1200,
+            status=SteeringStatusCode.APPLYING,
+        ),
+        "120",
+        "9169 07 1027c01204",
+    ),
     # 278 = 0x116; 40 << 14 = 0xA_0000; -200 = 0x1F38 in 13 bits, << 27 = 0xF9_C000_0000
     (VehicleState(1.39, 0.02, -0.01), "130", "50e2 07 16010ac0f9"),
     # 77; 20 << 8, as 1 m is 20 spacings; 100 << 16; -100 = 0x1F9C << 29: 0x3F380_0000

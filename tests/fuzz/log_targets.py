@@ -28,6 +28,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.tools.analyze.report import report_html
 from tests.fuzz.traffic import Choices, Sender
+from tests.support.frames.made_messages import message_with
 
 SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".db", ".log.gz", ".asc.gz", ".blf.gz")
 _STAMPS = (
@@ -139,7 +140,14 @@ def _messages() -> Iterator[can.Message]:
         for frame in (
             encode(LateralError(0.01 * number, 0.0), number),
             encode(SteeringCommand(-0.01 * number, number, Mode.ACTIVE), number),
-            encode(SteeringStatus(0.0, max(number - 2, 0), SteeringStatusCode.APPLYING), number),
+            encode(
+                message_with(
+                    SteeringStatus,
+                    applied_counter=max(number - 2, 0),
+                    status=SteeringStatusCode.APPLYING,
+                ),
+                number,
+            ),
         ):
             message = message_of(frame)
             message.timestamp = 1.6e9 + 0.01 * number

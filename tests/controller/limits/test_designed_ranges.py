@@ -36,6 +36,7 @@ from steer_by_wire.plant_emulator.path.settings import CircleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from tests.support.frames.made_messages import message_with
 from tests.support.nodes.controller_link import Link
 from tests.support.runs.unguarded import UNGUARDED
 from tests.support.suite.no_jitter import no_jitter as no_jitter
@@ -94,7 +95,7 @@ def drive(
     link.now_ns = link.node.deadline_ns
     messages: tuple[Message, ...] = (
         LateralError(0.01, 0.0),
-        SteeringStatus(0.0, 0, status),
+        message_with(SteeringStatus, status=status),
         VehicleState(speed_m_s, 0.0, 0.0),
     )
     for _ in range(periods):

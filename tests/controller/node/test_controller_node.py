@@ -29,6 +29,7 @@ from steer_by_wire.dbc.messages import (
     encode_not_available,
 )
 from steer_by_wire.runtime.frame import Frame
+from tests.support.frames.made_messages import message_with
 from tests.support.loops.own_vehicle import VEHICLE
 from tests.support.nodes.controller_link import (
     MS_NS,
@@ -235,7 +236,7 @@ def test_a_law_is_given_the_wheels_angle_where_the_steering_overrules_its_comman
     )
     plant = link(limits={"steer_rate_rad_s_max": 1000.0})
     plant.drive(2, 0.2)
-    plant.deliver(SteeringStatus(0.05, 0, code))
+    plant.deliver(message_with(SteeringStatus, wheel_angle_rad=0.05, status=code))
     plant.drive(20, 0.2)
     overrules = code in (3, 5, 6)
     # 135 ms after the status it is too old to be believed.
@@ -288,8 +289,14 @@ def test_the_round_trip_is_from_sending_to_the_first_echo() -> None:
     plant.drive(30, 0.01)
     for counter, echo_ms in ((10, 300), (10, 310), (12, 320)):
         plant.now_ns = START_NS + echo_ms * MS_NS
-        plant.deliver(SteeringStatus(0.0, counter, SteeringStatusCode.APPLYING))
-    plant.deliver(SteeringStatus(0.0, 20, SteeringStatusCode.NO_COMMAND))
+        plant.deliver(
+            message_with(
+                SteeringStatus, applied_counter=counter, status=SteeringStatusCode.APPLYING
+            )
+        )
+    plant.deliver(
+        message_with(SteeringStatus, applied_counter=20, status=SteeringStatusCode.NO_COMMAND)
+    )
     figures = plant.node.report()["round_trip"]
     assert figures["samples"] == 2
     assert figures["mean_s"] == pytest.approx(0.2)

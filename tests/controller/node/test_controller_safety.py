@@ -22,6 +22,7 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
     encode,
 )
+from tests.support.frames.made_messages import message_with
 from tests.support.nodes.controller_link import Link, controller_settings
 
 MS_NS = 1_000_000
@@ -32,7 +33,7 @@ ON_WIRE_NS = 5 * MS_NS
 NEVER_SEEN, FRESH, STALE = Freshness.NEVER_SEEN, Freshness.FRESH, Freshness.STALE
 ALL: tuple[Message, ...] = (
     LateralError(0.01, 0.0),
-    SteeringStatus(0.0, 0, SteeringStatusCode.NO_COMMAND),
+    message_with(SteeringStatus, status=SteeringStatusCode.NO_COMMAND),
     VehicleState(1.4, 0.0, 0.0),
 )
 

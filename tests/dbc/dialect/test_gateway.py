@@ -29,6 +29,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_MS, View
 from steer_by_wire.runtime.node.end import End
+from tests.support.frames.made_messages import message_with
 
 CAR = Path(__file__).with_name("my_car.toml")
 DATABASE: Any = cantools.database.load_file(CAR.with_suffix(".dbc"))
@@ -168,7 +169,9 @@ def test_any_bytes_are_taken_or_counted(data: bytes, flags: int, can_id: int) ->
 def test_measurements_leave_as_the_car_says_them() -> None:
     node, gateway = behind(End.PLANT)
     error, state = LateralError(0.125, -0.02), VehicleState(10.0, 0.1, 0.004)
-    status = SteeringStatus(0.05, 3, SteeringStatusCode.APPLYING)
+    status = message_with(
+        SteeringStatus, wheel_angle_rad=0.05, applied_counter=3, status=SteeringStatusCode.APPLYING
+    )
     node.to_send = [encode(one, 0) for one in (error, state, status)]
     sent = {frame.can_id: frame for frame in gateway.on_tick(0)}
     said = {

@@ -16,6 +16,7 @@ from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.end import End
+from tests.support.frames.made_messages import message_with
 
 KEY = bytes(range(16))
 CONTROLLER_CHALLENGE, PLANT_CHALLENGE = b"ctrl-one", b"plantone"
@@ -24,7 +25,15 @@ CONTROLLER_STATUS = encode(ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0,
 PLANT_STATUS = encode(PlantStatus(0.08, 0.02, 1, 2), 9)
 FROM_PLANT = (
     encode(ERROR_MESSAGE, 1),
-    encode(SteeringStatus(0.1, 77, SteeringStatusCode.APPLYING), 2),
+    encode(
+        message_with(
+            SteeringStatus,
+            wheel_angle_rad=0.1,
+            applied_counter=77,
+            status=SteeringStatusCode.APPLYING,
+        ),
+        2,
+    ),
     encode(VehicleState(1.4, 0.01, 0.02), 3),
 )
 COMMAND = encode(SteeringCommand(0.25, 7, Mode.ACTIVE), 200)

@@ -5,6 +5,7 @@ from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.history.history import BusHistory
 from steer_by_wire.controller.law_interface import LoopDelay
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus, SteeringStatusCode
+from tests.support.frames.made_messages import message_with
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
@@ -14,7 +15,7 @@ APPLYING, NO_COMMAND = SteeringStatusCode.APPLYING, SteeringStatusCode.NO_COMMAN
 
 
 def echo(counter: int, status: SteeringStatusCode = APPLYING) -> SteeringStatus:
-    return SteeringStatus(0.0, counter, status)
+    return message_with(SteeringStatus, applied_counter=counter, status=status)
 
 
 def error(value_m: float) -> LateralError:

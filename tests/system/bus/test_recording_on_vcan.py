@@ -105,5 +105,6 @@ def test_recordings_and_candump_know_both_directions(run: Run) -> None:
     for path in (run.candump, run.plant, run.controller):
         latency = analyse_files([path]).figures["latency"]
         assert latency["is_absolute"]
-        assert latency["reported_uplink"]["p50_s"] == pytest.approx(UPLINK_S, abs=5e-4)
-        assert latency["reported_downlink"]["p50_s"] == pytest.approx(DOWNLINK_S, abs=5e-4)
+        # Drawn, not measured. It is 0 before the first frame, however late that comes.
+        assert latency["reported_uplink"]["max_s"] == pytest.approx(UPLINK_S, abs=5e-4)
+        assert latency["reported_downlink"]["max_s"] == pytest.approx(DOWNLINK_S, abs=5e-4)

@@ -13,6 +13,7 @@ from steer_by_wire.dbc.messages import SteeringStatus, SteeringStatusCode
 from steer_by_wire.plant_emulator.faults.stage import with_faults
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
+from tests.support.frames.made_messages import message_with
 from tests.support.nodes.fed_history import MS, PERIOD_NS, FedHistory, driven
 from tests.support.nodes.plant_link import START_NS, link
 from tests.support.runs.compiled_runs import assert_same_as_nodes, plant_settings
@@ -76,7 +77,9 @@ def test_an_outage_says_nothing_of_the_delay() -> None:
 
 def reported(fed: FedHistory, sample: int, counter: int, code: SteeringStatusCode) -> None:
     """Echo of a sample with the wheel at a thousandth of its number."""
-    status = SteeringStatus(0.001 * sample, counter, code)
+    status = message_with(
+        SteeringStatus, wheel_angle_rad=0.001 * sample, applied_counter=counter, status=code
+    )
     fed.history.on_echo(status, sample % 256, sample * PERIOD_NS)
 
 

@@ -33,6 +33,7 @@ from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.tools.cockpit.sampler import Place, Sampler, message_text, payload_text
 from steer_by_wire.tools.cockpit.signals import CHARTS, FIGURES, NAMES
+from tests.support.frames.made_messages import message_with
 from tests.support.frames.recorded_frames import entries_in
 from tests.support.programs.cockpit_run import NS, PLANT, fed, recorded_run
 
@@ -147,7 +148,7 @@ CALM = Known(
     ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0, 0),
     ControllerSafety(0, 0, Freshness.FRESH, Freshness.FRESH, Freshness.FRESH, ControllerFault.NONE),
     DelayStatus(0.1, EchoState.KNOWN),
-    SteeringStatus(0.0, 1, SteeringStatusCode.APPLYING),
+    message_with(SteeringStatus, applied_counter=1, status=SteeringStatusCode.APPLYING),
     PlantStatus(0.0, 0.0, 0, 0, SafetyState.NORMAL),
     {},
 )
