@@ -34,6 +34,7 @@ _OPTIMISATION = _config.OPT if "NUMBA_OPT" in os.environ else type(_config.OPT)(
 """LLVM's optimisation level 1 and not 3, numba's default: it compiles faster, and these loops of
 many small functions on tuples of floats run no slower; the predictor's takes half the time."""
 _SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "closed_loop/compiled")
+_SUFFIXES = (".py", ".dbc")
 _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""
 _UNUSED_S = 3600.0
@@ -141,7 +142,12 @@ def _in_one_process(compile_one: Callable[..., Any], name: str, folder: Path) ->
 def sources() -> list[Path]:
     """Return the files that compiled code may come from; their content names its folder."""
     folders = ((_PACKAGE / name).resolve() for name in _SOURCES)
-    return [path for folder in folders for path in sorted(folder.rglob("*.py"))]
+    return [
+        path
+        for folder in folders
+        for path in sorted(folder.rglob("*.*"))
+        if path.suffix in _SUFFIXES
+    ]
 
 
 @cache

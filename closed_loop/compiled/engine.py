@@ -14,15 +14,7 @@ import numpy as np
 
 from ...controller.limits.designed_ranges import share_of_demand
 from ...controller.settings import ControllerSettings
-from ...dbc.messages import (
-    LateralError,
-    LawNumber,
-    Mode,
-    SteeringCommand,
-    SteeringStatus,
-    limits,
-    resolutions,
-)
+from ...dbc.messages import LawNumber, Mode
 from ...plant_emulator.path.path import Path, Pose
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.path.settings import PathSettings
@@ -41,7 +33,7 @@ from ...runtime.settings import SettingsError
 from ...runtime.settings.plugin import Part
 from .along_path import cg_deviations_m
 from .law_code import CompiledLaw, LawCode, compiled_law
-from .law_input import Inbox, Uplink, quantised
+from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, Inbox, Uplink, quantised
 from .loop import COMPLETE, LAW_FAILED, OVERRULED, run_segment
 from .loop_records import Constants, Instants, Records, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
@@ -139,11 +131,10 @@ class CompiledRun(NamedTuple):
     @property
     def command_rad(self) -> FloatArray:
         """The command in effect at each sample, as on the wire; NaN before the first."""
-        resolution_rad = resolutions(SteeringCommand)["steer_rad"]
         sent_at = self.schedule.command_tick[self.command[self.command >= 0]]
         command_rad = np.full(len(self.command), np.nan)
-        raw = np.rint(self.sent_rad[sent_at] / resolution_rad)
-        command_rad[self.command >= 0] = raw * resolution_rad
+        raw = np.rint(self.sent_rad[sent_at] / STEER_RESOLUTION_RAD)
+        command_rad[self.command >= 0] = raw * STEER_RESOLUTION_RAD
         if self.played_rad is not None:
             # The last value played stays in effect until another command does.
             is_played = np.isfinite(self.played_rad)
@@ -231,7 +222,7 @@ def _run(
     is_own: bool,
 ) -> tuple[int, int, int]:
     """Run all segments; returns the samples taken, the ticks done, and how the run ended."""
-    motion, constants, _, records, _ = world
+    motion, _, _, records, _ = world
     design, samples, ticks, outcome = law.design, 0, 0, COMPLETE
     # Named until the end, because the loop has their addresses alone.
     speed_m_s = 0.0 if design.params_at is None else quantised_speed_m_s(motion.speed_m_s)
@@ -246,7 +237,7 @@ def _run(
         if segment.mode == Mode.ACTIVE:
             sample = schedule.tick_sample[segment.first_tick]
             if is_start:  # A vehicle that stands on its path; the sensor reads noise alone.
-                error_m = quantised(schedule.noise_m[sample], constants.lateral_error_resolution_m)
+                error_m = quantised(schedule.noise_m[sample], LATERAL_ERROR_RESOLUTION_M)
             else:
                 error_m = float(records.measured_m[sample])
             if before in (Mode.HOLDING, Mode.ACTIVE) and design.recovered_state is not None:
@@ -282,11 +273,6 @@ def _constants(
         guard=_guard(plant.safety, plant.vehicle, plant.actuator),
         limits=controller.steer_limits,
         ramp_step_rad=controller.supervision.ramp_rad_s * controller.period_ns / NS_PER_S,
-        lateral_error_resolution_m=resolutions(LateralError)["lateral_error_m"],
-        lateral_error_m_max=limits(LateralError)["lateral_error_m"].maximum,
-        steer_resolution_rad=resolutions(SteeringCommand)["steer_rad"],
-        wheel_resolution_rad=resolutions(SteeringStatus)["wheel_angle_rad"],
-        wheel_rad_max=limits(SteeringStatus)["wheel_angle_rad"].maximum,
         motion_start_ns=schedule.motion_start_ns,
         share=share,
         share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, schedule),

@@ -35,7 +35,16 @@ from ...controller.history.plan import ROW_LENGTH, limit_plan
 from ...controller.law_interface import NO_HISTORY, LoopDelay, VehicleReading
 from ...controller.limits.steer_limits import SteerLimits
 from ...dbc.codec.protection import COUNTERS
-from ...dbc.messages import COMMAND_COUNTERS
+from ...dbc.messages import (
+    COMMAND_COUNTERS,
+    LateralError,
+    SteeringCommand,
+    SteeringPlan,
+    SteeringStatus,
+    VehicleState,
+    limits,
+    resolutions,
+)
 from ...plant_emulator.steering.control_unit import status_of
 from ...plant_emulator.steering.hold_and_fallback import GuardState
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
@@ -57,6 +66,19 @@ class Uplink(IntEnum):
 
 _LATERAL_ERROR, _STEERING_STATUS, _VEHICLE_STATE, _ = map(int, Uplink)
 
+# Resolutions and ranges on the wire; compiled code takes module constants as numbers.
+LATERAL_ERROR_RESOLUTION_M = resolutions(LateralError)["lateral_error_m"]
+LATERAL_ERROR_M_MAX = limits(LateralError)["lateral_error_m"].maximum
+STEER_RESOLUTION_RAD = resolutions(SteeringCommand)["steer_rad"]
+_PLAN_RESOLUTION_RAD = resolutions(SteeringPlan)["steer_0_rad"]
+_WHEEL_RESOLUTION_RAD = resolutions(SteeringStatus)["wheel_angle_rad"]
+_WHEEL_RAD_MAX = limits(SteeringStatus)["wheel_angle_rad"].maximum
+_HEADING_RESOLUTION_RAD = resolutions(LateralError)["heading_error_rad"]
+_YAW_RATE_RESOLUTION_RAD_S = resolutions(VehicleState)["yaw_rate_rad_s"]
+_YAW_RATE_RAD_S_MAX = limits(VehicleState)["yaw_rate_rad_s"].maximum
+_CURVATURE_RESOLUTION_1_M = resolutions(VehicleState)["preview_curvature_1_m"]
+_CURVATURE_1_M_MAX = limits(VehicleState)["preview_curvature_1_m"].maximum
+
 
 class Inbox(NamedTuple):
     """The controller's input: arrays of shape (arrivals,), then of shape (samples,), then numbers.
@@ -64,7 +86,6 @@ class Inbox(NamedTuple):
     ``arrival_*``       messages that the controller accepts, by ``Uplink``, in order of arrival
     ``measured_*``      as the bus carries them, like ``wheel_rad``; written during the run
     ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written during the run
-    ``*_resolution_*``  of the signals, and the ranges they are clamped to
     ``buffer``          the plan that the plant plays, as the bus carries it: values of its row
     ``path_ahead_1_m``  values of each PATH_AHEAD, as on the wire; one of every ``samples_per_path``
     ``played_rad``      what a plan has let act at a sample, else NaN; written during the run
@@ -83,14 +104,6 @@ class Inbox(NamedTuple):
     wheel_rad: FloatArray
     status: IntArray
     speed_m_s: float
-    heading_resolution_rad: float
-    yaw_rate_resolution_rad_s: float
-    yaw_rate_rad_s_max: float
-    curvature_resolution_1_m: float
-    curvature_1_m_max: float
-    wheel_resolution_rad: float
-    wheel_rad_max: float
-    steer_resolution_rad: float
     periods_per_sample: float
     buffer: FloatArray
     played_rad: FloatArray
@@ -139,6 +152,13 @@ def quantised(value: float, resolution: float) -> float:
 register(quantised)
 
 
+@compiled_inside
+def wheel_on_wire_rad(wheel_rad: float) -> float:
+    """Return the angle of the wheel as STEERING_STATUS carries it."""
+    clamped_rad = min(max(wheel_rad, -_WHEEL_RAD_MAX), _WHEEL_RAD_MAX)
+    return quantised(clamped_rad, _WHEEL_RESOLUTION_RAD)
+
+
 def _choosing(with_inbox: Callable[..., Any], without: Any = None) -> Callable[..., Any]:
     """Return a function for compiled code: ``with_inbox``, or a constant without an inbox."""
 
@@ -170,15 +190,12 @@ def _record(inbox: Inbox, sample: int, z: LinearState, guard: GuardState) -> Non
     _, yaw_rate_rad_s, heading_rad, _, wheel_rad, _, curvature_1_m, _, _, _ = z
     heading_rad = _in_one_turn(heading_rad + inbox.heading_noise_rad[sample])
     yaw_rate_rad_s = yaw_rate_rad_s + inbox.yaw_rate_noise_rad_s[sample]
-    yaw_rate_rad_s = min(max(yaw_rate_rad_s, -inbox.yaw_rate_rad_s_max), inbox.yaw_rate_rad_s_max)
-    curvature_1_m = min(max(curvature_1_m, -inbox.curvature_1_m_max), inbox.curvature_1_m_max)
-    wheel_rad = min(max(wheel_rad, -inbox.wheel_rad_max), inbox.wheel_rad_max)
-    inbox.measured_heading_rad[sample] = quantised(heading_rad, inbox.heading_resolution_rad)
-    inbox.measured_yaw_rate_rad_s[sample] = quantised(
-        yaw_rate_rad_s, inbox.yaw_rate_resolution_rad_s
-    )
-    inbox.measured_curvature_1_m[sample] = quantised(curvature_1_m, inbox.curvature_resolution_1_m)
-    inbox.wheel_rad[sample] = quantised(wheel_rad, inbox.wheel_resolution_rad)
+    yaw_rate_rad_s = min(max(yaw_rate_rad_s, -_YAW_RATE_RAD_S_MAX), _YAW_RATE_RAD_S_MAX)
+    curvature_1_m = min(max(curvature_1_m, -_CURVATURE_1_M_MAX), _CURVATURE_1_M_MAX)
+    inbox.measured_heading_rad[sample] = quantised(heading_rad, _HEADING_RESOLUTION_RAD)
+    inbox.measured_yaw_rate_rad_s[sample] = quantised(yaw_rate_rad_s, _YAW_RATE_RESOLUTION_RAD_S)
+    inbox.measured_curvature_1_m[sample] = quantised(curvature_1_m, _CURVATURE_RESOLUTION_1_M)
+    inbox.wheel_rad[sample] = wheel_on_wire_rad(wheel_rad)
     inbox.status[sample] = status_of(guard, False)
 
 
@@ -232,7 +249,7 @@ def _carries_plan(inbox: Inbox, tick: int) -> bool:
         return False
     inbox.buffer[0], inbox.buffer[1] = row[0], row[1]
     for index in range(2, ROW_LENGTH):
-        inbox.buffer[index] = quantised(row[index], inbox.steer_resolution_rad)
+        inbox.buffer[index] = quantised(row[index], _PLAN_RESOLUTION_RAD)
     return True
 
 

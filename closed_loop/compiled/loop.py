@@ -36,7 +36,10 @@ from ...plant_emulator.vehicle.motion_events import advance_motion, command_moti
 from .compilation import compiled_inline, compiled_unchecked
 from .law_code import NO_OUTPUT, LawCode
 from .law_input import (
+    LATERAL_ERROR_M_MAX,
+    LATERAL_ERROR_RESOLUTION_M,
     NOW_UNKNOWN,
+    STEER_RESOLUTION_RAD,
     carries_plan,
     inbox_history,
     note_now,
@@ -47,6 +50,7 @@ from .law_input import (
     record_signals,
     take_arrivals,
     take_command,
+    wheel_on_wire_rad,
     write_plan,
 )
 from .loop_records import Constants, Instants, Kept, Progress, Records, Segment
@@ -98,7 +102,7 @@ def _plant_until(
                 if carries_plan(inbox, tick):
                     plan, is_new = by, True
                     continue
-                command_rad = quantised(r.sent_rad[np.uintp(tick)], c.steer_resolution_rad)
+                command_rad = quantised(r.sent_rad[np.uintp(tick)], STEER_RESOLUTION_RAD)
             else:
                 at_ns, by, has_come = sample_ns, plan, is_new
                 is_new, played = False, sample
@@ -141,14 +145,13 @@ def _plant_until(
                     buffered = plan, is_new, played
                     x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
                     return x, OVERRULED
-                wheel_rad = min(max(wheel_rad, -c.wheel_rad_max), c.wheel_rad_max)
-                r.overruled_rad[at] = quantised(wheel_rad, c.wheel_resolution_rad)
+                r.overruled_rad[at] = wheel_on_wire_rad(wheel_rad)
             sample += 1
-            if not abs(reading_m) <= c.lateral_error_m_max:
+            if not abs(reading_m) <= LATERAL_ERROR_M_MAX:
                 buffered = plan, is_new, played
                 x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
                 return x, LEFT_RANGE
-            r.measured_m[at] = quantised(reading_m, c.lateral_error_resolution_m)
+            r.measured_m[at] = quantised(reading_m, LATERAL_ERROR_RESOLUTION_M)
 
 
 @compiled_inline

@@ -15,7 +15,6 @@ class Constants(NamedTuple):
     """Numbers of a run.
 
     ``ramp_step_rad``     of SAFE_STOP and of the fade after a recovery, per control period
-    ``*_resolution_*``    of the signals on the wire (DBC)
     ``motion_start_ns``   when the vehicle starts to move
     ``share``             of its steer that the law may ask for at this speed
     ``share_from_ns``     when the controller first knows the speed
@@ -24,11 +23,6 @@ class Constants(NamedTuple):
     guard: GuardParams
     limits: SteerLimits
     ramp_step_rad: float
-    lateral_error_resolution_m: float
-    lateral_error_m_max: float
-    steer_resolution_rad: float
-    wheel_resolution_rad: float
-    wheel_rad_max: float
     motion_start_ns: int
     share: float
     share_from_ns: int

@@ -9,7 +9,7 @@ rewritten for arrays, and the queue becomes a sort:
     in order            no frame is due before an earlier one of its message
 """
 
-from math import exp, log, sqrt
+from math import exp
 from statistics import NormalDist
 from typing import Any, NamedTuple
 
@@ -41,12 +41,14 @@ class Frames(NamedTuple):
 class Passages(NamedTuple):
     """Wanted frames that leave the line, in the order of leaving.
 
-    ``frame``  index among all frames that entered
+    ``frame``    index among all frames that entered
+    ``is_lost``  of all these, those that the line lost
     """
 
     due_ns: IntArray
     frame: IntArray
     latency_ns: IntArray
+    is_lost: BoolArray
 
 
 class _Network(NamedTuple):
@@ -91,7 +93,7 @@ def passages(
     if settings.order is Order.NEWEST_WINS and len(leaving):
         newest = np.maximum.accumulate(leaving)
         leaving = leaving[leaving == newest]
-    return Passages(due_ns[leaving], index[leaving], (due_ns - came_ns)[leaving])
+    return Passages(due_ns[leaving], index[leaving], (due_ns - came_ns)[leaving], is_lost)
 
 
 def _is_lossy(settings: LatencySettings) -> bool:
@@ -195,8 +197,6 @@ def _latencies_ns(
         return _whole_ns(mean_s)
     if settings.model is Distribution.GAMMA:
         return _whole_ns(_gamma_quantiles(u[wanted], mean_s, spread_s))
-    if settings.model is Distribution.LOGNORMAL and not settings.schedule:
-        return _whole_ns(_lognormal_quantiles(u[wanted], settings.mean_s, settings.spread_s))
     if settings.model is Distribution.NORMAL:
         return _whole_ns(np.maximum(0.0, mean_s + spread_s * normal_scores(u[wanted])))
     quantile = settings.quantile
@@ -208,18 +208,6 @@ def _latencies_ns(
 def normal_scores(u: FloatArray) -> FloatArray:
     """Return Φ⁻¹(u) of an array."""
     return np.array(list(map(NormalDist().inv_cdf, u.tolist())), dtype=np.float64)
-
-
-def _lognormal_quantiles(u: FloatArray, mean_s: float, spread_s: float) -> FloatArray:
-    """Return ``lognormal_quantile`` of an array; terms without u are computed once.
-
-    numpy's exp rounds differently from the plant's, and differently on different processors.
-    """
-    if min(mean_s, spread_s) < RESOLUTION_S:
-        return np.full(len(u), mean_s)
-    variance = log(1.0 + (spread_s / mean_s) ** 2)
-    exponents = sqrt(variance) * normal_scores(u) - 0.5 * variance
-    return mean_s * np.array(list(map(exp, exponents.tolist())), dtype=np.float64)
 
 
 def _gamma_quantiles(u: FloatArray, mean_s: FloatArray, spread_s: FloatArray) -> FloatArray:

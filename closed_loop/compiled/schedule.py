@@ -24,7 +24,6 @@ from ...dbc.messages import (
     Message,
     Mode,
     PathAhead,
-    SteeringPlan,
     SteeringStatus,
     VehicleState,
     limits,
@@ -66,6 +65,8 @@ class RunSchedule(NamedTuple):
     ``tick_s``     of each tick, from the start of the run
     ``segments``   the controller's modes, in order
     ``end_ns``     when the last sample is taken
+    ``commands_lost``      by the network, of the first ticks, shape (ticks + 1,)
+    ``measurements_lost``  of the first samples, shape (samples + 1,): of all messages
     """
 
     tick_ns: IntArray
@@ -81,13 +82,19 @@ class RunSchedule(NamedTuple):
     segments: tuple[Segment, ...]
     motion_start_ns: int
     end_ns: int
+    commands_lost: IntArray
+    measurements_lost: IntArray
 
 
 class Arrivals(NamedTuple):
-    """Frames of one message that the controller accepts: when each arrives, of which sample."""
+    """Frames of one message that the controller accepts: when each arrives, of which sample.
+
+    ``lost``  how many frames of all messages of the first samples are lost, shape (samples + 1,)
+    """
 
     arrival_ns: IntArray
     sample: IntArray
+    lost: IntArray
 
 
 class NothingArrivesError(ValueError):
@@ -131,6 +138,8 @@ def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSch
         segments=_segments(controller, arrivals, in_use, tick_ns),
         motion_start_ns=motion_start_ns,
         end_ns=end_ns,
+        commands_lost=np.append(0, np.cumsum(down.is_lost)),
+        measurements_lost=arrivals.lost,
     )
 
 
@@ -185,7 +194,8 @@ def arrivals_of(
     up = passages(plant.latency.uplink, plant.seed, Stream.UPLINK, Stream.UPLINK_DUPLICATES, frames)
     number = sample[up.frame] // (every if message >= Uplink.VEHICLE_STATE else 1)
     rule = rule._replace(period_ns=cycle_ns(_MESSAGES[message]))
-    return _accepted(rule, number, Arrivals(up.due_ns, sample[up.frame]))
+    lost = np.append(0, np.cumsum(up.is_lost))[np.searchsorted(sample, np.arange(samples + 1))]
+    return _accepted(rule, number, Arrivals(up.due_ns, sample[up.frame], lost))
 
 
 def _accepted(rule: CounterRule, number: IntArray, arrived: Arrivals) -> Arrivals:
@@ -202,7 +212,9 @@ def _accepted(rule: CounterRule, number: IntArray, arrived: Arrivals) -> Arrival
             (number % COUNTERS).tolist(), arrived.arrival_ns.tolist(), strict=True
         )
     ]
-    return Arrivals(arrived.arrival_ns[is_accepted], arrived.sample[is_accepted])
+    return arrived._replace(
+        arrival_ns=arrived.arrival_ns[is_accepted], sample=arrived.sample[is_accepted]
+    )
 
 
 def _segments(
@@ -256,8 +268,6 @@ def inbox_of(
     received = _received(
         network, network.parts, controller.counters, samples, schedule.motion_start_ns
     )
-    error, state = resolutions(LateralError), resolutions(VehicleState)
-    ranges = limits(VehicleState)
     return Inbox(
         HistoryParams(controller.loop_delay, controller.age_limits),
         empty_rings(keeps_plans=controller.law_record.plan is not None),
@@ -268,14 +278,6 @@ def inbox_of(
         wheel_rad=np.empty(samples),
         status=np.empty(samples, dtype=np.int64),
         speed_m_s=quantised_speed_m_s(motion.speed_m_s),
-        heading_resolution_rad=error["heading_error_rad"],
-        yaw_rate_resolution_rad_s=state["yaw_rate_rad_s"],
-        yaw_rate_rad_s_max=ranges["yaw_rate_rad_s"].maximum,
-        curvature_resolution_1_m=state["preview_curvature_1_m"],
-        curvature_1_m_max=ranges["preview_curvature_1_m"].maximum,
-        wheel_resolution_rad=resolutions(SteeringStatus)["wheel_angle_rad"],
-        wheel_rad_max=limits(SteeringStatus)["wheel_angle_rad"].maximum,
-        steer_resolution_rad=resolutions(SteeringPlan)["steer_0_rad"],
         periods_per_sample=controller.link.sensor_period_s / (controller.period_ns / NS_PER_S),
         buffer=np.zeros(ROW_LENGTH),
         samples_per_path=samples_per_vehicle_state(plant.sensor_period_ns),

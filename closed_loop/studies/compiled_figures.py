@@ -106,11 +106,7 @@ def _place(name: str) -> int:
     return Figures._fields.index(name)
 
 
-_END = _place("mean_m")
-"""Where ``WindowFigures`` begin."""
-_EFFORT, _CG, _LATENCY = _place("steer_rms_rad"), _place("cg_rms_m"), _place("latency_mean_s")
-_SETTLED, _PEAKS = _place("settled_rms_m"), _place("followed_peak_m")
-_OUTSIDE, _NOISE = _place("outside_m"), _place("sensor_noise_m")
+_PEAKS, _NOISE = _place("followed_peak_m"), _place("sensor_noise_m")
 COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of the results. The counts are whole numbers: samples since the start of motion, commands
@@ -122,6 +118,9 @@ class LatencyFigures(NamedTuple):
 
     mean_s: float
     p99_s: float
+
+
+NO_LATENCY = LatencyFigures(math.nan, math.nan)
 
 
 class FigureRules(NamedTuple):
@@ -139,7 +138,7 @@ class FigureRules(NamedTuple):
     sensor_noise_m: float = 0.0
 
 
-def take_figures(
+def figures_of(
     rules: FigureRules,
     time_s: RealArray,
     lateral_error_m: RealArray,
@@ -147,25 +146,33 @@ def take_figures(
     wheel_rad: RealArray,
     cg_deviation_m: RealArray,
     sent_rad: RealArray,
-    latency: LatencyFigures,
-    row: RealArray,
+    latency: LatencyFigures = NO_LATENCY,
     outside_m: float = math.nan,
-) -> None:
-    """Write the figures of a run into ``row``, shape (len(Figures._fields),).
+) -> Figures:
+    """Return the figures of one run.
 
     ``time_s``, ``lateral_error_m``, ``followed_m``, ``wheel_rad``  one per sensor period
     ``cg_deviation_m``  one per CG_STRIDE of them
     ``sent_rad``        one command per control period
     """
-    row[:] = math.nan
-    row[_LATENCY : _LATENCY + len(latency)] = latency
-    row[_OUTSIDE] = outside_m
-    if len(time_s):
-        row[_CG] = _rms(cg_deviation_m)
-        row[_CG + 1] = np.max(np.abs(cg_deviation_m))
-        _figures(rules, time_s, lateral_error_m, followed_m, wheel_rad, sent_rad, row)
-        first = int(np.searchsorted(time_s[::CG_STRIDE], SETTLED_S))
-        row[_SETTLED + 1] = _rms(cg_deviation_m[first:])
+    nan = math.nan
+    if not len(time_s):
+        blank = Figures(*[nan] * len(Figures._fields))
+        return blank._replace(
+            latency_mean_s=latency.mean_s, latency_p99_s=latency.p99_s, outside_m=outside_m
+        )
+    first = int(np.searchsorted(time_s[::CG_STRIDE], SETTLED_S))
+    moved = time_s, lateral_error_m, followed_m, wheel_rad
+    whole, settled_rms_m, windows, effort, peaks = _moved_figures(rules, *moved, sent_rad)
+    return Figures._make(
+        (
+            *(*whole, *windows, *effort),
+            *(_rms(cg_deviation_m), float(np.max(np.abs(cg_deviation_m)))),
+            *latency,
+            *(settled_rms_m, _rms(cg_deviation_m[first:])),
+            *(*peaks, outside_m, rules.sensor_noise_m, nan, nan, nan),
+        )
+    )
 
 
 def _rms(values: RealArray) -> float:
@@ -180,41 +187,31 @@ def latency_figures(latency_s: RealArray) -> LatencyFigures:
     known_s = latency_s[~np.isnan(latency_s)]
     count = len(known_s)
     if not count:
-        return LatencyFigures(math.nan, math.nan)
+        return NO_LATENCY
     if known_s.min() == known_s.max():
         return LatencyFigures(float(known_s[0]), float(known_s[0]))
     rank = math.ceil(0.99 * count) - 1
     return LatencyFigures(float(known_s.mean()), float(np.partition(known_s, rank)[rank]))
 
 
-def figures_of(
-    rules: FigureRules,
-    time_s: RealArray,
-    lateral_error_m: RealArray,
-    followed_m: RealArray,
-    wheel_rad: RealArray,
-    cg_deviation_m: RealArray,
-    sent_rad: RealArray,
-    latency_s: RealArray,
-    outside_m: float = math.nan,
-) -> Figures:
-    """Return the figures of one run."""
-    row = np.empty(len(Figures._fields))
-    latency = latency_figures(latency_s)
-    moved = time_s, lateral_error_m, followed_m, wheel_rad
-    take_figures(rules, *moved, cg_deviation_m, sent_rad, latency, row, outside_m)
-    return Figures(*row.tolist())
-
-
 register(window_figures)
 
 
 @compiled
-def _figures(
-    rules: Any, time_s: Any, error_m: Any, followed_m: Any, wheel_rad: Any, sent_rad: Any, row: Any
-) -> None:
+def _moved_figures(
+    rules: Any, time_s: Any, error_m: Any, followed_m: Any, wheel_rad: Any, sent_rad: Any
+) -> Any:
+    window = round(rules.window_s / rules.sensor_period_s)
+    whole, settled_rms_m = _errors(rules, time_s, error_m)
+    windows = window_figures(followed_m, wheel_rad, window, rules.sensor_period_s)
+    effort, peaks = _effort(rules, sent_rad), _peaks(rules, time_s, followed_m)
+    return whole, settled_rms_m, windows, effort, peaks
+
+
+@compiled
+def _errors(rules: Any, time_s: Any, error_m: Any) -> Any:
+    """Return duration, RMS, peak, last error and settling time, and the RMS from SETTLED_S on."""
     samples = len(time_s)
-    row[0] = time_s[samples - 1]
     square, peak, outside = 0.0, 0.0, -1
     settled_square, settled = 0.0, 0
     for k in range(samples):
@@ -228,47 +225,37 @@ def _figures(
             peak = magnitude
         if magnitude > rules.settling_band_m:
             outside = k
-    row[1] = math.sqrt(square / samples)
-    if settled:
-        row[_SETTLED] = math.sqrt(settled_square / settled)
-    row[2] = peak
-    row[3] = error_m[samples - 1]
-    if outside < 0:
-        row[4] = 0.0
-    elif outside + 1 < samples:
-        row[4] = time_s[outside + 1]
-    _peaks(rules, time_s, followed_m, row)
-    row[_NOISE] = rules.sensor_noise_m
-    window = round(rules.window_s / rules.sensor_period_s)
-    end = window_figures(followed_m, wheel_rad, window, rules.sensor_period_s)
-    for k in range(len(end)):
-        row[_END + k] = end[k]
-    _effort(rules, sent_rad, row)
+    settling_s = 0.0 if outside < 0 else math.nan
+    if 0 < outside + 1 < samples:
+        settling_s = time_s[outside + 1]
+    settled_rms_m = math.sqrt(settled_square / settled) if settled else math.nan
+    rms_m = math.sqrt(square / samples)
+    return (time_s[samples - 1], rms_m, peak, error_m[samples - 1], settling_s), settled_rms_m
 
 
 @compiled
-def _peaks(rules: Any, time_s: Any, followed_m: Any, row: Any) -> None:
+def _peaks(rules: Any, time_s: Any, followed_m: Any) -> Any:
+    """Return the largest error of the whole run, and of the run from ``settled_s`` on."""
     first = np.searchsorted(time_s, rules.settled_s)
     before_m, settled_m = 0.0, 0.0
     for k in range(first):
         before_m = max(before_m, abs(followed_m[k]))
     for k in range(first, len(followed_m)):
         settled_m = max(settled_m, abs(followed_m[k]))
-    row[_PEAKS] = max(before_m, settled_m)
-    if first < len(followed_m):
-        row[_PEAKS + 1] = settled_m
+    return max(before_m, settled_m), settled_m if first < len(followed_m) else math.nan
 
 
 @compiled
-def _effort(rules: Any, sent_rad: Any, row: Any) -> None:
-    """Write the figures of the commands; the first step counts from 0."""
-    if len(sent_rad) == 0:
-        return
+def _effort(rules: Any, sent_rad: Any) -> Any:
+    """Return RMS, peak, RMS of the rate, and share at a limit; the first step counts from 0."""
+    count = len(sent_rad)
+    if count == 0:
+        return math.nan, math.nan, math.nan, math.nan
     square, peak, step_square, limited = 0.0, 0.0, 0.0, 0
     angle_rad = rules.steer_rad_max * (1.0 - _TOLERANCE)
     step_rad = rules.step_rad_max * (1.0 - _TOLERANCE)
     previous = 0.0
-    for k in range(len(sent_rad)):
+    for k in range(count):
         value = sent_rad[k]
         step = value - previous
         previous = value
@@ -277,10 +264,8 @@ def _effort(rules: Any, sent_rad: Any, row: Any) -> None:
         peak = max(peak, abs(value))
         if abs(value) >= angle_rad or abs(step) >= step_rad:
             limited += 1
-    row[_EFFORT] = math.sqrt(square / len(sent_rad))
-    row[_EFFORT + 1] = peak
-    row[_EFFORT + 2] = math.sqrt(step_square / len(sent_rad)) / rules.control_period_s
-    row[_EFFORT + 3] = limited / len(sent_rad)
+    rate_rms_rad_s = math.sqrt(step_square / count) / rules.control_period_s
+    return math.sqrt(square / count), peak, rate_rms_rad_s, limited / count
 
 
 _WINDOWS = [_place(name) for name in WindowFigures._fields]

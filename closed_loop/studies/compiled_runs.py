@@ -14,15 +14,10 @@ import numpy as np
 
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd, Verdict, end_of
-from ...plant_emulator.network.latency_distributions import Distribution
-from ...plant_emulator.network.random_streams import Stream
-from ...plant_emulator.network.settings import LatencySettings, Order
-from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.array_types import BoolArray, FloatArray, IntArray
+from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from ..compiled.engine import CompiledRun, Outcome, run_compiled
-from ..compiled.network import Frames, passages
 from ..compiled.schedule import NothingArrivesError, RunSchedule, schedule_run
 from .compiled_figures import (
     CG_STRIDE,
@@ -32,9 +27,9 @@ from .compiled_figures import (
     Figures,
     LatencyFigures,
     farthest_outside_m,
+    figures_of,
     latency_figures,
     rules_of,
-    take_figures,
     verdict_of,
 )
 from .node_runs import run_on_nodes
@@ -53,92 +48,22 @@ _ENDS = {
 
 def verdict_on(plant: PlantSettings, controller: ControllerSettings, run: CompiledRun) -> Verdict:
     """Return the verdict on a compiled run, by the thresholds of its plant."""
-    figures = np.empty(len(Figures._fields))
     rules = rules_of(plant.verdict, plant, controller)
-    _take_figures(plant, rules, run, latency_figures(run.downlink_latency_s), figures)
-    return verdict_of(plant.verdict, end_of(_ENDS[run.outcome], figures[_DURATION]), figures)
+    figures = _figures(plant, rules, run, latency_figures(run.downlink_latency_s))
+    end = end_of(_ENDS[run.outcome], figures.duration_s)
+    return verdict_of(plant.verdict, end, np.array(figures))
 
 
-def _take_figures(
-    plant: PlantSettings,
-    rules: FigureRules,
-    run: CompiledRun,
-    latency: LatencyFigures,
-    row: FloatArray,
-) -> None:
+def _figures(
+    plant: PlantSettings, rules: FigureRules, run: CompiledRun, latency: LatencyFigures
+) -> Figures:
     behind_m = rules.behind_preview_m
     cg_m = run.deviation_m(run.motion.preview_distance_m, CG_STRIDE)
     followed_m = run.deviation_m(behind_m) if behind_m else run.lateral_error_m
     moved = run.time_s, run.lateral_error_m, followed_m, run.wheel_angle_rad
     at = run.arc_length_m, run.heading_error_rad, run.lateral_error_m
     outside_m = farthest_outside_m(plant, *at)
-    take_figures(rules, *moved, cg_m, run.sent_rad, latency, row, outside_m)
-
-
-class Losses(NamedTuple):
-    """Numbers of lost frames.
-
-    ``commands``      shape (ticks + 1,), of those of the first ticks
-    ``measurements``  shape (samples + 1,), of those of the first samples: of all messages
-    """
-
-    commands: IntArray
-    measurements: IntArray
-
-
-def losses_of(plant: PlantSettings, plan: RunSchedule) -> Losses:
-    """Return what is lost in a run; overtaken frames are not counted.
-
-    The latency lines draw losses from a stream of their own, independent of the latencies. So the
-    frames that come through a line with the same losses and no latency are those that are not lost.
-    """
-    latency = plant.latency
-    losses = Losses(
-        np.zeros(len(plan.tick_ns) + 1, dtype=np.int64),
-        np.zeros(len(plan.sample_ns) + 1, dtype=np.int64),
-    )
-    if _may_lose(latency.downlink):
-        lost = _lost(latency.downlink, plant.seed, Stream.DOWNLINK, plan.tick_ns, plan)
-        losses.commands[1:] = np.cumsum(lost)
-    if _may_lose(latency.uplink):
-        messages = np.full(len(plan.sample_ns), 2)
-        messages[:: samples_per_vehicle_state(plant.sensor_period_ns)] = 3
-        came_ns = np.repeat(plan.sample_ns, messages)
-        lost = _lost(latency.uplink, plant.seed, Stream.UPLINK, came_ns, plan)
-        losses.measurements[1:] = np.cumsum(lost)[np.cumsum(messages) - 1]
-    return losses
-
-
-def _may_lose(line: LatencySettings) -> bool:
-    return line.loss > 0.0 or line.burst_frames is not None or any(p.loss for p in line.schedule)
-
-
-def _lost(
-    line: LatencySettings, seed: int, channel: Stream, came_ns: IntArray, plan: RunSchedule
-) -> BoolArray:
-    bare = line.model_copy(
-        update={
-            "model": Distribution.CONSTANT,
-            "mean_s": 0.0,
-            "spread_s": 0.0,
-            "correlation_time_s": 0.0,
-            "duplicates": 0.0,
-            "order": Order.AS_ARRIVES,
-            "trace_file": None,
-            "latencies_s": (),
-            "schedule": tuple(
-                point.model_copy(update={"mean_s": 0.0, "spread_s": 0.0}) for point in line.schedule
-            ),
-        }
-    )
-    frames = Frames(
-        came_ns,
-        np.maximum(came_ns - plan.motion_start_ns, 0),
-        np.ones(len(came_ns), dtype=np.bool_),
-    )
-    lost = np.ones(len(came_ns), dtype=np.bool_)
-    lost[passages(bare, seed, channel, channel, frames).frame] = False
-    return lost
+    return figures_of(rules, *moved, cg_m, run.sent_rad, latency, outside_m)
 
 
 class Computed(NamedTuple):
@@ -163,7 +88,6 @@ class Network(NamedTuple):
     """
 
     plan: RunSchedule
-    losses: Losses
     latency: dict[Hashable, LatencyFigures]
 
 
@@ -227,7 +151,7 @@ class Computer:
         if known is None:
             known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
         rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
-        _take_figures(plant, rules, run, known, row[: -len(COUNTS)])
+        row[: -len(COUNTS)] = _figures(plant, rules, run, known)
         samples, ticks = len(run.time_s), len(run.tick_s)
         plan = network.plan
         taken = samples + _samples_before_motion(plant, plan)
@@ -235,8 +159,8 @@ class Computer:
             samples,
             ticks,
             _acted(plan, ticks, taken),
-            network.losses.commands[ticks],
-            network.losses.measurements[taken],
+            plan.commands_lost[ticks],
+            plan.measurements_lost[taken],
         )
         return _ENDS[run.outcome]
 
@@ -253,7 +177,7 @@ class Computer:
                 self._networks.move_to_end(key)
                 return found
         plan = schedule_run(plant, controller)
-        made = Network(plan, losses_of(plant, plan), {})
+        made = Network(plan, {})
         with self._lock:
             self._networks[key] = made
             while len(self._networks) > PLANS_KEPT:

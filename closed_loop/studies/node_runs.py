@@ -36,6 +36,7 @@ from .compiled_figures import (
     Figures,
     farthest_outside_m,
     figures_of,
+    latency_figures,
     rules_of,
 )
 from .reactions import Reactions, ReactionWatch
@@ -119,7 +120,7 @@ def figures_of_trace(
         np.ascontiguousarray(trace.wheel_angle_rad[:samples]),
         trace.cg_deviation_m[:samples:CG_STRIDE],
         sent_rad,
-        trace.downlink_latency_s[:samples],
+        latency_figures(trace.downlink_latency_s[:samples]),
         farthest_outside_m(plant, *(column[:samples] for column in at)),
     )
 

@@ -2,8 +2,7 @@
 
     FOLDER/study.json                 what determines the results; a study is continued only if it
                                       is the same
-    FOLDER/chunks/000012.parquet      the rows of ``CHUNK_RUNS`` ids that follow each other, sorted
-    FOLDER/chunks/000013.part.parquet those of a chunk that is not complete yet
+    FOLDER/chunks/000012.parquet      the rows so far of ``CHUNK_RUNS`` ids that follow each other
     FOLDER/results.parquet            all rows, sorted by id, when the study is complete; the chunks
                                       are then removed
 
@@ -98,19 +97,16 @@ class Store:
         """Return how many runs are stored."""
         if self.is_complete:
             return self._runs
-        files = set(self._chunks.glob("*.parquet")) if self._chunks.exists() else set()
-        # An interruption may leave a part of a chunk that is complete.
-        files -= {self._part(int(file.stem)) for file in files if file.stem.isdigit()}
-        return sum(count_rows(file, self._record) for file in files)
+        return sum(count_rows(file, self._record) for file in self._chunks.glob("*.parquet"))
 
     def missing(self) -> Iterator[list[int]]:
         """Yield the ids that are not stored yet, chunk by chunk, in order."""
         for number in range(-(-self._runs // self._chunk_runs)):
-            if self._file(number).exists():
-                continue
-            chunk = self._chunk(number)
-            ids = np.flatnonzero(~chunk.is_done) + number * self._chunk_runs
-            yield ids.tolist()
+            is_missing = ~self._chunk(number).is_done
+            if is_missing.any():
+                yield (np.flatnonzero(is_missing) + number * self._chunk_runs).tolist()
+            else:
+                del self._open[number]
 
     def put(self, computed: Computed) -> None:
         """Take runs; complete chunks are written, and every WRITE_S the others too."""
@@ -120,8 +116,7 @@ class Store:
             chunk = self._chunk(number)
             chunk.take(Computed(*(column[rows] for column in computed)), number * self._chunk_runs)
             if chunk.is_done.all():
-                self._write_chunk(self._file(number), number, chunk)
-                self._part(number).unlink(missing_ok=True)
+                self._write_chunk(number, chunk)
                 del self._open[number]
         if time.monotonic() - self._written_s >= WRITE_S:
             self.flush()
@@ -130,7 +125,7 @@ class Store:
         """Write the rows of the incomplete chunks."""
         for number, chunk in self._open.items():
             if chunk.is_new:
-                self._write_chunk(self._part(number), number, chunk)
+                self._write_chunk(number, chunk)
                 chunk.is_new = False
         self._written_s = time.monotonic()
 
@@ -146,7 +141,7 @@ class Store:
     def find(self, run: int) -> dict[str, Any] | None:
         """Return one row by its id; None if it is not stored."""
         number = run // self._chunk_runs
-        for file in (self.results, self._file(number), self._part(number)):
+        for file in (self.results, self._file(number)):
             if file.exists():
                 table = read_table(file, self._record, filters=[("id", "=", run)])
                 if table.num_rows:
@@ -157,15 +152,12 @@ class Store:
     def _file(self, number: int) -> Path:
         return self._chunks / f"{number:06d}.parquet"
 
-    def _part(self, number: int) -> Path:
-        return self._chunks / f"{number:06d}.part.parquet"
-
     def _chunk(self, number: int) -> "_Chunk":
         if number not in self._open:
             size = min(self._chunk_runs, self._runs - number * self._chunk_runs)
             chunk = _Chunk(size)
-            if self._part(number).exists():
-                chunk.take(self._read(self._part(number)), number * self._chunk_runs)
+            if self._file(number).exists():
+                chunk.take(self._read(self._file(number)), number * self._chunk_runs)
                 chunk.is_new = False
             self._open[number] = chunk
         return self._open[number]
@@ -178,10 +170,10 @@ class Store:
             table["id"].to_numpy(), np.array(ends, dtype=np.int64), np.column_stack(figures)
         )
 
-    def _write_chunk(self, file: Path, number: int, chunk: "_Chunk") -> None:
+    def _write_chunk(self, number: int, chunk: "_Chunk") -> None:
         done = np.flatnonzero(chunk.is_done)
         table = self._table(done + number * self._chunk_runs, chunk.ends[done], chunk.figures[done])
-        write_rows(file, self._record, self._schema, [table])
+        write_rows(self._file(number), self._record, self._schema, [table])
 
     def _table(self, ids: IntArray, ends: IntArray, figures: FloatArray) -> Any:
         study = self.scenarios.study

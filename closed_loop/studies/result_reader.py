@@ -8,6 +8,7 @@ few tens of megabytes.
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -20,12 +21,9 @@ from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from .compiled_figures import COLUMNS
-from .factors import Design
 from .result_files import RESULTS, STUDY
 from .row_file import check, read_table
-from .scenario import Case, Scenarios
-from .study import Study
-from .study_file import ReportSettings, StudySettings
+from .study_file import ReportSettings
 
 VERDICTS = tuple(Verdict)
 HOLDS = VERDICTS.index(Verdict.HOLDS)
@@ -42,9 +40,8 @@ class FactorRecord(NamedTuple):
 class StudyRecord(NamedTuple):
     """The settings from which the results follow.
 
-    ``content``    of study.json
-    ``scenarios``  makes settings of overrides, as the study did; it does not know its points
-    ``runs``       of the complete study
+    ``content``  of study.json
+    ``runs``     of the complete study
     """
 
     folder: Path
@@ -57,7 +54,6 @@ class StudyRecord(NamedTuple):
     sampling: Mapping[str, Any]
     verdict: Mapping[str, Any]
     factors: tuple[FactorRecord, ...]
-    scenarios: Scenarios
     runs: int
 
     @property
@@ -112,11 +108,7 @@ class Rows(NamedTuple):
         return np.asarray(self.verdict == HOLDS)
 
 
-_FIGURES = (
-    "rms_m", "peak_m", "settled_rms_m", "cg_rms_m", "cg_peak_m", "settled_cg_rms_m", "duration_s",
-    "latency_mean_s", "steer_rms_rad", "steer_rate_rms_rad_s", "limited_share", "fault_s",
-    "reported_s", "reaction_s",
-)  # fmt: skip
+_FIGURES = Rows._fields[4:-1]
 """The columns that are read as they are."""
 
 
@@ -137,35 +129,22 @@ def read_study(folder: Path) -> StudyRecord:
         list(COLUMNS),
     ]:
         raise SettingsError(f"{file}: is not the record of a study of this version")
-    settings = StudySettings.model_validate(
-        {
-            "name": record["name"],
-            "base": {"controllers": list(record["controllers"])},
-            "sampling": record["sampling"],
-            "verdict": record["verdict"],
-        }
-    )
     factors = tuple(
         FactorRecord(name, tuple(keys), tuple(labels)) for name, keys, labels in record["levels"]
     )
-    plant, controllers = record["plant"], record["controllers"]
-    title, report = _presentation(folder)
-    design, bus = Design((), 1, None), record.get("bus")
-    scenarios = Scenarios(Study(str(file), settings, plant, controllers, design, bus=bus))
-    points = settings.sampling.count or int(np.prod([len(f.labels) for f in factors], initial=1))
+    sampling, controllers = record["sampling"], record["controllers"]
+    points = sampling["count"] or math.prod(len(factor.labels) for factor in factors)
     return StudyRecord(
-        folder=folder,
-        content=content,
-        name=settings.name,
-        title=title,
-        report=report,
-        plant=plant,
-        controllers=controllers,
-        sampling=settings.sampling.model_dump(mode="json"),
-        verdict=settings.verdict.model_dump(mode="json"),
-        factors=factors,
-        scenarios=scenarios,
-        runs=points * settings.sampling.replicates * len(controllers),
+        folder,
+        content,
+        record["name"],
+        *_presentation(folder),
+        record["plant"],
+        controllers,
+        sampling,
+        record["verdict"],
+        factors,
+        runs=points * sampling["replicates"] * len(controllers),
     )
 
 
@@ -184,22 +163,6 @@ def read_rows(study: StudyRecord) -> Rows:
         **{name: table[name] for name in _FIGURES},
         factors={name: table[name] for name in factors},
     )
-
-
-def read_overrides(study: StudyRecord, runs: Sequence[int]) -> dict[int, dict[str, Any]]:
-    """Return the overrides by which each run differs from the base of the study, by dotted key."""
-    found: dict[int, dict[str, Any]] = {}
-    for file in _files(study.folder):
-        wanted = [("id", "in", list(runs))]
-        table = read_table(file, study.content, ["id", "overrides"], wanted)
-        texts = zip(table["id"].to_pylist(), table["overrides"].to_pylist(), strict=True)
-        found |= {run: json.loads(text) for run, text in texts}
-    return found
-
-
-def case_of(overrides: Mapping[str, Any]) -> Case:
-    """Return overrides in the form that ``Scenarios`` takes."""
-    return Case(0, 0, int(overrides["plant.seed"]), (), overrides)
 
 
 def _table(study: StudyRecord, names: Sequence[str]) -> dict[str, NDArray[Any]]:

@@ -15,41 +15,24 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator
 
 from ...closed_loop.reports.page import Picture, Section
-from ...closed_loop.studies.result_reader import VERDICTS, Rows
-from ...plant_emulator.evaluation.run_verdict import Verdict
-from ...runtime.array_types import FloatArray, IntArray
+from ...closed_loop.studies.result_reader import Rows
+from ...runtime.array_types import FloatArray
 from .axes import StudyAxes, cells
 
-HATCHES = {
-    "unstable, left the range, or no start": "xxx",
-    "limit cycle, or the wheel shakes": "///",
-    "drifts, left the corridor, the road or the path, or off it": "...",
-    "decays, but too slowly": "\\\\\\",
-}
-_FAMILIES = (
-    (Verdict.NO_START, Verdict.TOO_SHORT, Verdict.LEFT_RANGE, Verdict.UNSTABLE),
-    (Verdict.LIMIT_CYCLE, Verdict.WHEEL_SHAKES),
-    (Verdict.DRIFTS, Verdict.LEFT_CORRIDOR, Verdict.LEFT_ROAD, Verdict.OFF_PATH, Verdict.LEFT_PATH),
-    (Verdict.DECAYS,),
-)
 _COLUMNS = 2
 _TEXT_CELLS_MAX = 130
 """Cells of one map into which numbers are written."""
 
 
 class HeatMaps(NamedTuple):
-    """Arrays of shape (controllers, jitters, means); NaN where nothing was run.
-
-    ``family``  place in HATCHES of the worst end of a run; -1 where all hold
-    """
+    """Arrays of shape (controllers, jitters, means); NaN where nothing was run."""
 
     rms_m: FloatArray
     held: FloatArray
-    family: IntArray
 
 
 def are_drawn(axes: StudyAxes) -> bool:
@@ -71,14 +54,9 @@ def heat_maps(rows: Rows, axes: StudyAxes, controllers: int) -> HeatMaps:
     rms_m, held = np.full(count, -np.inf), np.full(count, np.inf)
     np.maximum.at(rms_m, cell_of, np.where(np.isnan(medians_m), np.inf, medians_m))
     np.minimum.at(held, cell_of, shares)
-    family = np.full(count, -1)
-    for index, members in reversed(list(enumerate(_FAMILIES))):
-        is_member = np.isin(rows.verdict, [VERDICTS.index(verdict) for verdict in members])
-        family[np.unique(cell[is_member])] = index
     return HeatMaps(
         np.where(np.isfinite(rms_m), rms_m, np.nan).reshape(shape),
         np.where(np.isfinite(held), held, np.nan).reshape(shape),
-        family.reshape(shape),
     )
 
 
@@ -123,10 +101,9 @@ def _draw(
         edges = (np.arange(means + 1) - 0.5, np.arange(jitters + 1) - 0.5)
         mesh = panel.pcolormesh(*edges, values[place], norm=norm, cmap=colours)
         for row, column in np.ndindex(jitters, means):
-            family = int(maps.family[place, row, column])
-            is_hatched = family >= 0
+            is_hatched = maps.held[place, row, column] < 1.0
             if is_hatched:
-                _hatch(panel, row, column, family)
+                _hatch(panel, row, column)
             if means * jitters <= _TEXT_CELLS_MAX and np.isfinite(values[place, row, column]):
                 value = float(values[place, row, column])
                 shade = mesh.cmap(norm(value))
@@ -147,28 +124,13 @@ def _draw(
         bar.ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     for axis_format in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
         axis_format("{x:g}")
-    shown = [h for i, h in enumerate(HATCHES.items()) if np.any(maps.family == i)]
-    if shown:
-        handles = [
-            Patch(facecolor="white", edgecolor="0.2", hatch=hatch, label=label)
-            for label, hatch in shown
-        ]
-        figure.legend(
-            handles=handles,
-            loc="outside upper center",
-            ncols=2,
-            title="hatched: at least one run does not hold; the worst of them",
-            title_fontsize=9,
-            fontsize=9,
-        )
     return figure
 
 
-def _hatch(panel: Axes, row: int, column: int, family: int) -> None:
-    hatch = tuple(HATCHES.values())[family]
+def _hatch(panel: Axes, row: int, column: int) -> None:
     for colour, width in (("white", 2.2), ("0.1", 0.7)):  # visible on any colour
         patch = Rectangle(
-            (column - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch=hatch, edgecolor=colour, lw=0.0
+            (column - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch="///", edgecolor=colour, lw=0.0
         )
         patch.set_hatch_linewidth(width)
         panel.add_patch(patch)

@@ -39,7 +39,7 @@ from .law_by_delay import (
     portions,
 )
 from .quantiles_over_seeds import seeds_section
-from .worst_runs import draw_worst, worst_runs, worst_section
+from .worst_runs import worst_section
 
 PAGE = "report.html"
 
@@ -59,9 +59,8 @@ def write(folder: Path) -> Path:
         *_laws(study, rows, axes),
         *_maps(study, rows, axes),
         comparison_section(study, comparisons(study, rows)),
+        worst_section(study, rows),
     ]
-    if study.scenarios.study.bus is None:  # its runs are made again, compiled
-        sections.append(_worst(study, rows))
     file = folder / PAGE
     held = np.count_nonzero(rows.verdict == HOLDS)
     verdict = f"{held:,} of {len(rows.id):,} runs hold the path"
@@ -95,12 +94,6 @@ def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
         _save(study, "heat_map_held", lambda: draw_held(maps, axes, study.names)),
     ]
     return [map_section(axes, pictures)]
-
-
-def _worst(study: StudyRecord, rows: Rows) -> Section:
-    found = worst_runs(study, rows)
-    pictures = [_save(study, "worst_runs", lambda: draw_worst(study, found))] if found else []
-    return worst_section(study, rows, found, pictures)
 
 
 def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:

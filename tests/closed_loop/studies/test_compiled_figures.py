@@ -131,7 +131,7 @@ def test_how_a_run_ended_comes_first() -> None:
 def test_a_run_too_short_for_two_windows_has_no_figures_of_its_end() -> None:
     cg_m = np.array([3.0, -4.0])
     moved = TIME_S[:100], np.ones(100), np.ones(100), np.zeros(100)
-    found = figures_of(RULES, *moved, cg_m, NO_COMMANDS, np.zeros(100))
+    found = figures_of(RULES, *moved, cg_m, NO_COMMANDS)
     assert found.cg_rms_m == pytest.approx(math.sqrt(12.5))
     assert found.cg_peak_m == 4.0
     assert math.isnan(found.mean_m)
@@ -187,7 +187,6 @@ def test_verdicts_agree_with_the_linear_loop_on_which_delays_are_stable(preset: 
             run.wheel_angle_rad,
             run.cg_deviation_m,
             run.sent_rad,
-            run.downlink_latency_s,
         )
         judged.append(((verdict(found) is Verdict.HOLDS), decay_1_s > 0.0))
     assert {stable for _, stable in judged} == {True, False}

@@ -17,7 +17,7 @@ import pytest
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computed
 from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.result_reader import read_overrides, read_rows, read_study
+from steer_by_wire.closed_loop.studies.result_reader import read_rows, read_study
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.programs.failing_disk import failing_disk
@@ -67,7 +67,6 @@ def refusal(read: Callable[[], object]) -> str:
 def test_what_is_whole_is_read(folder: Path, scenarios: Scenarios) -> None:
     study = read_study(folder / "out")
     assert read_rows(study).id.tolist() == [*range(RUNS)]
-    assert read_overrides(study, [3, 47]).keys() == {3, 47}
     store = open_store(folder, scenarios)
     assert store.stored() == RUNS
     found = store.find(47)
@@ -110,9 +109,7 @@ def folder_in_its_place(file: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [rows_of_another_study, no_parquet, empty, folder_in_its_place])
-@pytest.mark.parametrize(
-    "name", ["results.parquet", "chunks/000000.parquet", "chunks/000001.part.parquet"]
-)
+@pytest.mark.parametrize("name", ["results.parquet", "chunks/000000.parquet"])
 def test_every_reader_refuses_files_that_are_damaged_or_anothers(
     name: str, damage: Callable[[Path], None], folder: Path, scenarios: Scenarios
 ) -> None:

@@ -13,7 +13,7 @@ from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.compiled.schedule import schedule_run
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
-from steer_by_wire.closed_loop.studies.compiled_runs import Computed, Computer, losses_of
+from steer_by_wire.closed_loop.studies.compiled_runs import Computed, Computer
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
@@ -267,12 +267,10 @@ def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
     node = PlantNode(plant, 0)
     run_virtual_nodes(node, ControllerNode(law, 0), None, None, never)
     plan = schedule_run(plant, law)
-    lost = losses_of(plant, plan)
     report = node.report()
-    assert (
-        lost.commands[len(run_compiled(plant, law, plan).tick_s)] == report["downlink"]["lost"] > 0
-    )
-    assert lost.measurements[len(plan.sample_ns)] == report["uplink"]["lost"] > 0
+    ticks = len(run_compiled(plant, law, plan).tick_s)
+    assert plan.commands_lost[ticks] == report["downlink"]["lost"] > 0
+    assert plan.measurements_lost[-1] == report["uplink"]["lost"] > 0
 
 
 def test_the_program_says_sizes_runs_and_replays(

@@ -175,7 +175,6 @@ def test_the_plant_judges_a_run_as_a_study_does(delay_s: float, noise_m: float) 
         run.plant.wheel_angle_rad,
         run.plant.cg_deviation_m,
         run.controller.sent_rad,
-        run.plant.downlink_latency_s,
     )
     complete = np.array([list(RunEnd).index(RunEnd.COMPLETE)])
     (studied,) = verdicts(plant.verdict, complete, np.array([figures]))
@@ -277,7 +276,6 @@ def test_a_wheel_that_slams_does_not_hold_though_the_vehicle_cannot_follow() -> 
         study.wheel_angle_rad,
         study.cg_deviation_m,
         study.sent_rad,
-        study.downlink_latency_s,
     )
     complete = np.array([list(RunEnd).index(RunEnd.COMPLETE)])
     assert verdicts(VerdictRules(), complete, np.array([figures])) == [Verdict.LIMIT_CYCLE]

@@ -30,10 +30,8 @@ def figures(
 ) -> Figures:
     """Return the figures of a lateral error; the centre of gravity stays on the path."""
     wheel_rad = np.zeros(len(error_m)) if wheel_rad is None else wheel_rad
-    no_latency_s, cg_m = np.zeros(len(error_m)), np.zeros_like(error_m[::CG_STRIDE])
-    return figures_of(
-        RULES, TIME_S[: len(error_m)], error_m, error_m, wheel_rad, cg_m, sent_rad, no_latency_s
-    )
+    cg_m = np.zeros_like(error_m[::CG_STRIDE])
+    return figures_of(RULES, TIME_S[: len(error_m)], error_m, error_m, wheel_rad, cg_m, sent_rad)
 
 
 def verdict(found: Figures, end: RunEnd = RunEnd.COMPLETE) -> Verdict:
