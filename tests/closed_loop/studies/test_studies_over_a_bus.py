@@ -120,7 +120,7 @@ def test_a_study_without_a_bus_is_compiled(tmp_path: Path) -> None:
     study = load_study(study_file(tmp_path, ""))
     assert study.bus is None
     assert '"bus"' not in study.identity
-    row = np.full(64, np.nan)
+    row = np.full(len(COLUMNS), np.nan)
     scenarios = Scenarios(study)
     assert Computer(scenarios).run(scenarios.pair(0), row) == "too short"
 
