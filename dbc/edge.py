@@ -24,7 +24,9 @@ from .secoc.secured_frame import STATUS_SENT_BY, Refused
 if TYPE_CHECKING:
     from .dialect.dialect import Dialect
 
-NOBODY = "classic CAN authenticates nobody: anybody on the bus can steer (see --key-file)"
+UNAUTHENTICATED = (
+    "classic CAN does not authenticate senders: anyone on the bus can steer (see --key-file)"
+)
 """Printed on start by a program without a key."""
 AUTHENTICATED = "authenticated CAN FD: only frames made with the key are accepted"
 
@@ -53,7 +55,7 @@ def open_edge(
         return _of_car(end, options, language.car)
     can_ids = {CAN_IDS[message_type] for message_type in known}
     if options.key_file is None:
-        return Edge(can_ids, NOBODY, say_figures=_say_refused)
+        return Edge(can_ids, UNAUTHENTICATED, say_figures=_say_refused)
     if options.record is not None and (obstacle := fd_obstacle(options.record)):
         raise SettingsError(f"{obstacle}; with --key-file all frames are CAN FD")
     # Not at the top: they read the DBC once more, which classic CAN does not need.

@@ -100,6 +100,6 @@ def dask_workers(study: Study, address: str, say: Callable[[str], None]) -> Iter
     try:
         client = distributed.Client(address, timeout=CONNECT_S)
     except (OSError, ValueError) as error:
-        raise SettingsError(f"--scheduler {address}: nobody answers there") from error
+        raise SettingsError(f"--scheduler {address}: no scheduler answers there") from error
     with client:
         yield DaskWorkers(client, study, f"the workers of {address}", say)

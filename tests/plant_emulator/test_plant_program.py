@@ -14,7 +14,7 @@ import can
 import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
-from steer_by_wire.dbc.edge import NOBODY
+from steer_by_wire.dbc.edge import UNAUTHENTICATED
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -32,7 +32,7 @@ from steer_by_wire.runtime.frame import Frame
 from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 Capture = pytest.CaptureFixture[str]
-NOTICE = f"steer-by-wire plant: {NOBODY}\n"
+NOTICE = f"steer-by-wire plant: {UNAUTHENTICATED}\n"
 """What every run on classic CAN prints on standard error, once."""
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.controller.program import main as controller_main
-from steer_by_wire.dbc.edge import AUTHENTICATED, NOBODY
+from steer_by_wire.dbc.edge import AUTHENTICATED, UNAUTHENTICATED
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerStatus,
@@ -148,7 +148,7 @@ def test_both_ends_say_what_they_refuse_where_a_key_is_different_or_missing(
     assert different.report()["node"]["authentication"]["verified"] == 0
     assert different.report()["node"]["commands_sent"] == 0
     assert any("refused by authentication: forged" in line for line in different.printed)
-    assert sum(NOBODY in line for line in keyless.printed) == 1
+    assert sum(UNAUTHENTICATED in line for line in keyless.printed) == 1
     rejected = keyless.report()["node"]["rejected"]
     assert set(rejected) == {"no_key"}
     assert any(f"frames refused: {rejected['no_key']}" in line for line in keyless.printed)
