@@ -4,10 +4,13 @@ What cannot be read is counted and costs nothing else. A killed writer leaves a 
 its line end. That line is dropped: half a payload would read as a whole frame of a wrong length.
 """
 
+import gc
+import sys
 import zlib
 from collections.abc import Callable, Generator, Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from traceback import clear_frames
 from typing import Any
 
 import can
@@ -97,7 +100,16 @@ class _OfPythonCan(LogState):
         try:
             self._reader: Any = can.LogReader(path)
         except Exception as error:
-            raise LogError(f"{path}: no {path.suffix} file: {one_line(error)}") from error
+            # asammdf fails, with a traceback, to close what it could not open: here, without.
+            hook, sys.unraisablehook = sys.unraisablehook, lambda _unraisable: None
+            first: BaseException | None = error
+            while first is not None:
+                clear_frames(first.__traceback__)
+                first = first.__context__
+            gc.collect()
+            sys.unraisablehook = hook
+            why = f"{path}: no whole {path.suffix} file: {one_line(error)}"
+            raise LogError(why) from error
 
     @property
     def fraction_read(self) -> float | None:

@@ -1,5 +1,6 @@
 """Every format of a log gives the same figures, also what candump prints."""
 
+import gc
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 from steer_by_wire.closed_loop.recordings.log_analysis import CG_DEVIATION
 from steer_by_wire.closed_loop.recordings.log_file import open_log
+from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from tests.support.frames.recorded_frames import entries_in
@@ -36,6 +38,18 @@ def test_every_format_of_python_can_gives_the_same_figures(
     figures = analyse(convert(entries, tmp_path / f"converted{suffix}"))
     assert figures["frames"] == len(entries)
     same_but_for_times(analyse(beginning), figures)
+
+
+@NEEDS_ASAMMDF
+def test_a_mf4_that_is_cut_off_is_one_line(
+    beginning: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = convert(entries_in(beginning), tmp_path / "cut.mf4")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(LogError, match=r"no whole \.mf4 file"):
+        open_log(path)
+    gc.collect()
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def plain(entry: LogEntry, stamp: str, marks: str = "") -> str:
