@@ -56,7 +56,6 @@ _SIGNALS = "halts or kills a process with signals, or makes pipes"
 _STEPS = "steps a broker with Unix sockets"
 NEEDS_LINUX = {
     "test_bus_opening": "has files stand for Linux's network interfaces",
-    "test_suite": "only on Linux are programs forked",
     "test_priority_and_memory_lock": "asks Linux for real-time rights",
     "test_port": "has files stand for Linux's network interfaces",
     "test_socketcan": "sets SocketCAN's own options",

@@ -12,7 +12,7 @@ from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSetting
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
-from tests.fuzz.node_targets import CONTROLLERS, PLANTS, controller_settings, plant_settings
+from tests.fuzz.node_targets import controller_settings, plant_settings
 from tests.fuzz.traffic import Choices, Sender
 
 PERIOD_NS = 10 * NS_PER_MS
@@ -118,25 +118,3 @@ def test_what_grows_would_be_noticed() -> None:
     before = entries(node)
     node.__dict__["kept"] = [object() for _ in range(3_000)]
     assert entries(node) >= before + 3_000
-
-
-@pytest.mark.parametrize("number", range(len(CONTROLLERS)))
-def test_a_controller_goes_on_after_an_hour_without_a_call(number: int) -> None:
-    node = make_controller(number)
-    send_garbage(node, 3, 200, 0)
-    now_ns = 3_600 * NS_PER_S
-    node.on_tick(now_ns)
-    assert node.deadline_ns > now_ns
-    assert node.report()["skipped_ticks"] > 0
-
-
-@pytest.mark.parametrize("number", range(len(PLANTS)))
-def test_a_plant_goes_on_after_five_minutes_without_a_call(number: int) -> None:
-    node = make_plant(number)
-    send_garbage(node, 3, 200, 0)
-    now_ns = 300 * NS_PER_S
-    for _ in range(3):
-        node.on_tick(now_ns)
-        assert node.deadline_ns > now_ns
-        now_ns += PERIOD_NS
-    assert node.report()["skipped_samples"] > 0

@@ -5,20 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.studies.compiled_figures import (
     Figures,
     figures_of,
     latency_figures,
-    rules_of,
 )
-from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
-from steer_by_wire.controller.laws.law_from_settings import design_law
-from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd, Verdict, VerdictRules
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from tests.support.runs.study_signals import (
     NO_COMMANDS,
     RULES,
@@ -139,55 +131,3 @@ def test_a_run_too_short_for_two_windows_has_no_figures_of_its_end() -> None:
     assert found.rms_m == found.end_peak_m == 1.0
     assert verdict(found) is Verdict.OFF_PATH
     assert all(map(math.isnan, figures(np.zeros(0))[:-2]))
-
-
-@pytest.mark.parametrize("preset", ["practical_pd", "practical_pd_ddob"])
-def test_verdicts_agree_with_the_linear_loop_on_which_delays_are_stable(preset: str) -> None:
-    """Eigenvalues of the sampled loop know nothing of limits, quantisation or the verdict's rules.
-
-    A mode that takes longer than half a minute to change by e is not asked about: a run of two
-    minutes cannot distinguish it from a lasting one.
-    """
-    law = controller_preset(preset)
-    corner = read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d")
-    driven = load_settings(PlantSettings, corner).vehicle
-    vehicle = NominalVehicle(
-        virtual_mass_kg=driven.virtual_mass_kg,
-        yaw_inertia_kg_m2=driven.yaw_inertia_kg_m2,
-        front_cornering_stiffness_n_rad=driven.front_cornering_stiffness_n_rad,
-        rear_cornering_stiffness_n_rad=driven.rear_cornering_stiffness_n_rad,
-        front_axle_distance_m=driven.front_axle_distance_m,
-        rear_axle_distance_m=driven.rear_axle_distance_m,
-        preview_distance_m=driven.preview_distance_m,
-        speed_m_s=driven.speed_m_s,
-    )
-    loop = SampledLoop(design_law(law), steer_to_lateral_error(vehicle), law.period_ns)
-    judged = []
-    for delay_ms in range(300, 541, 20):
-        plant = load_settings(
-            PlantSettings,
-            corner,
-            None,
-            [
-                f"latency.downlink.mean_s={delay_ms / 1000}",
-                'path={kind="straight"}',
-                "duration_s=120",
-                "disturbance.steps=[{at_s=5.0, steering_offset_rad=0.02}]",
-            ],
-        )
-        decay_1_s = loop.decay_1_s(delay_ms * 1_000_000)
-        if abs(decay_1_s) < 1.0 / 30.0:
-            continue
-        run = run_compiled(plant, law)
-        found = figures_of(
-            rules_of(VerdictRules(), plant, law),
-            run.time_s,
-            run.lateral_error_m,
-            run.lateral_error_m,
-            run.wheel_angle_rad,
-            run.cg_deviation_m,
-            run.sent_rad,
-        )
-        judged.append(((verdict(found) is Verdict.HOLDS), decay_1_s > 0.0))
-    assert {stable for _, stable in judged} == {True, False}
-    assert all(holds == stable for holds, stable in judged), judged

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import gamma
 
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.analysis.arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf
@@ -13,8 +12,6 @@ from steer_by_wire.controller.analysis.jitter import (
     mean_square_decay_1_s,
     stable_spreads,
 )
-from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
-from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import gamma_quantile
 from steer_by_wire.plant_emulator.settings import plant_preset
@@ -113,46 +110,6 @@ def test_the_distribution_is_that_of_the_plant(mean_s: float, spread_s: float) -
 
 
 # Against simulation
-
-
-def simulated(
-    chosen: ControllerSettings, mean_ms: int, spread_ms: int, runs: int, ticks: int
-) -> FloatArray:
-    """Return lateral errors, shape (ticks, runs), the latency drawn anew for each command.
-
-    Independent of the analysis but for the matrices of law and plant: at every tick the newest
-    command that has come is held.
-    """
-    loop = loop_of(chosen)
-    system, plant = law_system(design_law(chosen)), held_plant(loop.model, loop.period_ns, 0)
-    shape = (mean_ms / spread_ms) ** 2
-    random = np.random.default_rng(3)
-    late = gamma.rvs(shape, scale=mean_ms / 1e3 / shape, size=(ticks, runs), random_state=random)
-    command, run = np.indices(late.shape)
-    due = command + np.ceil(late / PERIOD_S - 0.5).astype(int)
-    come = np.full((max(ticks, due.max() + 1), runs), -1)
-    np.maximum.at(come, (due, run), command)
-    newest = np.maximum.accumulate(come)
-    sent = np.zeros((ticks, runs))
-    law_state = np.zeros((runs, len(system.b)))
-    state = np.tile(np.linalg.pinv(plant.c[None, :])[:, 0], (runs, 1))
-    errors = np.zeros((ticks, runs))
-    for tick in range(ticks):
-        errors[tick] = state @ plant.c
-        sent[tick] = law_state @ system.c + system.d * errors[tick]
-        law_state = law_state @ system.a.T + np.outer(errors[tick], system.b)
-        held = np.where(newest[tick] >= 0, sent[newest[tick], run[0]], 0.0)
-        state = state @ plant.a.T + np.outer(held, plant.b_new)
-    return errors
-
-
-def test_the_mean_square_can_grow_although_nearly_every_run_settles() -> None:
-    """Rare runs of bad luck carry the mean of squares."""
-    assert decay_1_s(PD_CDOB, 80, 30) < -0.1
-    errors_m = simulated(PD_CDOB, 80, 30, runs=1000, ticks=3000)
-    size_m = np.sqrt(np.mean(errors_m.reshape(30, 100, -1) ** 2, axis=1))
-    assert np.median(size_m[-1]) < 0.1 * np.median(size_m[0])
-    assert np.mean(size_m[-1] ** 2) > 2.0 * np.mean(size_m[0] ** 2)
 
 
 def steer_envelope_rad(chosen: ControllerSettings, mean_ms: int, spread_ms: int) -> FloatArray:

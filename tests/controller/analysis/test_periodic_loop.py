@@ -53,6 +53,7 @@ def run(
 SLOW = [
     (PREDICTOR, "a", 0.27, 500 * MS, 0),
     (PREDICTOR, "a", 0.27, 540 * MS, 0),
+    ((*PREDICTOR, "rate_hz=200"), "a", 0.27, 500 * MS, 0),
     (PREDICTOR, "a", 0.27, 500 * MS, 35 * MS),
     (PREDICTOR, "c", 0.2, 100 * MS, 0),
     (PREDICTOR, "c", 0.2, 130 * MS, 0),

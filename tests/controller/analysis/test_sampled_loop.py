@@ -6,12 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from numpy.typing import NDArray
-from scipy.linalg import expm
-from scipy.signal import StateSpace
-from scipy.signal import TransferFunction as ScipyTransferFunction
 
 from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
@@ -156,49 +150,6 @@ def test_a_law_that_reads_no_command_is_analysed_as_one_that_reads_the_last() ->
     design = design_law(observer_settings("pd"))
     none, last = (law_system(design._replace(commands_read=count)) for count in (0, 1))
     assert repr(none) == repr(last)
-
-
-def as_matrices(model: TransferFunction) -> StateSpace:
-    numerator, denominator = np.array([1.0]), np.array([1.0, *[0.0] * -model.power_of_s])
-    for factor in model.numerator:
-        numerator = np.polymul(numerator, factor)
-    for factor in model.denominator:
-        denominator = np.polymul(denominator, factor)
-    return ScipyTransferFunction(np.trim_zeros(numerator, "f"), denominator).to_ss()
-
-
-Step = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-
-def over(plant: StateSpace, time_ns: int) -> Step:
-    """What becomes of the state, and what a unit of steer adds to it."""
-    order = len(plant.A)
-    both = np.zeros((order + 1, order + 1))
-    both[:order] = np.hstack([plant.A, plant.B]) * time_ns * 1e-9
-    exponential = expm(both)
-    return exponential[:order, :order], exponential[:order, order]
-
-
-def propagated(step: Step, state: NDArray[np.float64], steer_rad: float) -> NDArray[np.float64]:
-    return step[0] @ state + step[1] * steer_rad
-
-
-@given(st.integers(0, 5 * PERIOD_NS), st.sampled_from([PERIOD_NS, MS_NS, PERIOD_NS // 3]))
-def test_the_held_plant_is_the_continuous_plant_at_the_ticks(delay_ns: int, period_ns: int) -> None:
-    model = paper_eq19()
-    held = held_plant(model, period_ns, delay_ns)
-    plant = as_matrices(model)
-    whole, rest_ns = divmod(delay_ns, period_ns)
-    first, second = over(plant, rest_ns), over(plant, period_ns - rest_ns)
-    assert held.whole_periods == whole
-    steers_rad = [0.0] * (whole + 1) + list(np.random.default_rng(1).normal(0.0, 0.1, 30))
-    x, state = np.zeros(len(held.c)), np.zeros(len(plant.A))
-    for tick in range(whole + 1, len(steers_rad)):
-        old_rad, new_rad = steers_rad[tick - whole - 1], steers_rad[tick - whole]
-        x = held.a @ x + held.b_old * old_rad + held.b_new * new_rad
-        state = propagated(first, state, old_rad)
-        state = propagated(second, state, new_rad)
-        assert held.c @ x == pytest.approx(float(plant.C[0] @ state), rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("delay_ms", [0, 4, 80])

@@ -1,12 +1,8 @@
-"""A controller and sensors of different rates: by hand, against runs of drawn loops, in words."""
+"""A controller and sensors of different rates: by hand, against one rate, and in words."""
 
-from typing import NamedTuple
-
-import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import run_compiled
-from steer_by_wire.controller.analysis import check_figures, jitter
+from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check_figures import loop_around, stable_delays_of
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
@@ -19,10 +15,8 @@ from steer_by_wire.controller.filters.transfer_function import Factor, TransferF
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.laws.law_from_settings import design_law, vehicle_of
 from steer_by_wire.controller.laws.settings import LawSettings
-from steer_by_wire.controller.settings import PRESETS, ControllerSettings, controller_preset
-from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.controller.settings import PRESETS, controller_preset
 from steer_by_wire.runtime.settings import preset_names
-from tests.support.runs.unguarded import UNGUARDED
 from tests.support.suite.combinations import sampled
 
 MS = 1_000_000
@@ -86,101 +80,6 @@ def test_a_heading_gain_is_analysed_at_both_rates_and_only_where_the_model_has_a
     assert twice[0].last_ns == pytest.approx(at_once[0].last_ns, abs=1 * MS)
     other = settings.model_copy(update={"nominal_model": PaperEq19Settings(kind="paper_eq19")})
     assert "needs nominal_model.kind = 'vehicle'" in check_text(other)
-
-
-# Against runs: a straight path, a push, and what becomes of the wheel
-
-RATES = (
-    *((200.0, 10.0), (500.0, 10.0), (125.0, 10.0), (400.0, 10.0), (1000.0, 10.0), (250.0, 5.0)),
-    *((50.0, 15.0), (100.0, 7.0), (125.0, 20.0), (80.0, 10.0), (40.0, 10.0), (200.0, 2.0)),
-    *((100.0, 30.0), (625.0, 8.0), (250.0, 6.0), (1000.0, 2.0)),
-)
-"""Control rate [Hz], sensor period [ms]; some sensors are the faster ones."""
-DRAWN_LAWS = ("practical_pd", "practical_pd_dob", "practical_pd_cdob", "practical_pd_ddob")
-QUIET_RAD = 5e-3
-"""The steps of the signals on the wire alone keep the wheel moving by as much."""
-LIMITED_RAD = 0.3
-"""What grows to here does so until the wheel's limits end it."""
-WINDOWS = 30
-
-
-class DrawnLoop(NamedTuple):
-    settings: ControllerSettings
-    vehicle: tuple[str, ...]
-
-
-def drawn_loop(seed: int) -> DrawnLoop:
-    """Draw law, rates, gains, filter and vehicle, which the model is."""
-    rng = np.random.default_rng([40, 7, seed])
-    preset = str(rng.choice(DRAWN_LAWS))
-    pd = controller_preset(preset).pd
-    assert pd is not None
-    rate_hz, sensor_ms = RATES[rng.integers(len(RATES))]
-    vehicle = (
-        f"speed_m_s={rng.uniform(1.0, 3.0):.3f}",
-        f"virtual_mass_kg={rng.uniform(1200.0, 5000.0):.0f}",
-    )
-    k_p = pd.proportional_gain_rad_m * float(np.exp(rng.uniform(-0.7, 0.5)))
-    k_d = pd.derivative_gain_rad_s_m * float(np.exp(rng.uniform(0.0, 2.2)))
-    overrides = (
-        f"rate_hz={rate_hz}",
-        f"link.sensor_period_ms={sensor_ms}",
-        f"pd.proportional_gain_rad_m={k_p:.4f}",
-        f"pd.derivative_gain_rad_s_m={k_d:.4f}",
-        f"pd.derivative_filter_rad_s={float(np.exp(rng.uniform(2.0, 4.5))):.2f}",
-        *(f"nominal_model.{each}" for each in vehicle),
-        *("limits.steer_rad_max=1.3", "limits.steer_rate_rad_s_max=1000"),
-    )
-    drawn = controller_preset(preset, overrides).model_copy(update={"validity": None})
-    return DrawnLoop(drawn, tuple(f"vehicle.{each}" for each in vehicle))
-
-
-def wheel_rad(loop: DrawnLoop, delay_s: float) -> list[float]:
-    """Return the RMS of the wheel angle in each window of a minute after a push."""
-    offsets = "{at_s=0.5, steering_offset_rad=0.05}, {at_s=1.0, steering_offset_rad=0.0}"
-    plant = plant_preset(
-        "paper_nominal",
-        [
-            *loop.vehicle,
-            "duration_s=60",
-            "path={kind='straight'}",
-            f"sensor_period_ms={loop.settings.link.sensor_period_ms}",
-            f"latency.downlink.mean_s={delay_s!r}",
-            f"disturbance.steps=[{offsets}]",
-        ],
-    )
-    run = run_compiled(plant.model_copy(update={"safety": UNGUARDED}), loop.settings)
-    return [float(np.sqrt(np.mean(w**2))) for w in np.array_split(run.wheel_angle_rad, WINDOWS)]
-
-
-def settles(rms_rad: list[float]) -> bool:
-    """Whether the wheel comes to rest, as the last windows and those before show."""
-    early, late = max(rms_rad[8:12]), max(rms_rad[-4:])
-    return late < min(max(early, QUIET_RAD), LIMITED_RAD)
-
-
-def contradictions_of(loop: DrawnLoop) -> list[str]:
-    """Return where runs 2 % beside the delay margin of the analysis contradict it."""
-    delays = check_figures.check_figures(loop.settings, lambda _what: None)["stable_delays"]
-    margin_s, searched_s = delays["margin_s"], delays["searched_s"]
-    inside_s = 0.98 * (searched_s if margin_s is None else margin_s)
-    wrong = []
-    if margin_s != 0.0 and not settles(wheel_rad(loop, inside_s)):
-        wrong.append(f"stable by the analysis at {inside_s} s")
-    if margin_s is not None and settles(wheel_rad(loop, 1.02 * margin_s)):
-        wrong.append(f"not stable by the analysis at {1.02 * margin_s} s")
-    return wrong
-
-
-@pytest.mark.parametrize("seed", sampled(range(3), range(30)))
-def test_runs_of_drawn_loops_settle_below_the_margin_and_grow_above(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A sample of 2,000 run once: one mode grew too slowly, at 0.012 1/s, to leave the steps."""
-    monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 200 * MS)
-    monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", ())
-    monkeypatch.setattr(jitter, "MEANS_MS", ())
-    assert contradictions_of(drawn_loop(seed)) == []
 
 
 # In words

@@ -185,53 +185,6 @@ def test_a_ddob_without_washout_survives_saturation() -> None:
     assert rms(run.lateral_error_m[3000:]) < 0.05
 
 
-REFERENCE_VEHICLE = (195e3, 1.912)
-"""C_f [N/rad] and l_s [m] of the independent simulation, made before (19) gave others."""
-REFERENCE = [
-    # law, N, ω_D, ω_c, ω_h [rad/s], delay [ms], worst RMS [m] of an independent simulation
-    ("pd", 20.0, None, None, None, 0, 0.072),
-    ("pd", 5.0, None, None, None, 80, 0.072),
-    ("pd_dob", 2.0, 5.0, None, None, 80, 0.0038),
-    ("pd_dob", 2.0, 2.0, None, None, 160, 0.0089),
-    ("pd_cdob", 5.0, None, 20.0, 3.0, 250, 0.078),
-    ("pd_ddob", 2.0, 5.0, 20.0, 3.0, 160, 0.0045),
-    ("pd_ddob", 5.0, 2.0, 20.0, 3.0, 250, 0.0101),
-    ("pd_ddob", 2.0, 2.0, 10.0, 1.0, 350, 0.0187),
-]
-
-
-@pytest.mark.parametrize(
-    ("law", "n", "omega_d", "omega_c", "omega_h", "delay_ms", "rms_m"),
-    sampled([REFERENCE[row] for row in (1, 3, 4, 7)], REFERENCE),
-)
-def test_the_tracking_error_is_that_of_an_independent_simulation(
-    law: str,
-    n: float,
-    omega_d: float | None,
-    omega_c: float | None,
-    omega_h: float | None,
-    delay_ms: int,
-    rms_m: float,
-) -> None:
-    settings = variant(
-        "practical_pd_ddob",
-        law=law,
-        pd={
-            "proportional_gain_rad_m": 1.0596,
-            "derivative_gain_rad_s_m": 0.939,
-            "derivative_filter_rad_s": n,
-        },
-        dob=omega_d and {"q_cutoff_rad_s": omega_d, "q_kind": "order_2"},
-        cdob=omega_c and {"q_cutoff_rad_s": omega_c, "washout_rad_s": omega_h},
-    )
-    assert settings.nominal_model is not None
-    c_f, l_s = REFERENCE_VEHICLE
-    changes = {"front_cornering_stiffness_n_rad": c_f, "preview_distance_m": l_s}
-    model = settings.nominal_model.model_copy(update=changes)
-    same = settings.model_copy(update={"nominal_model": model})
-    assert worst_rms_m(same, delay_ms, REFERENCE_VEHICLE) == pytest.approx(rms_m, rel=0.05)
-
-
 @pytest.mark.parametrize(
     ("law", "most_m"), [("pd", 0.0525), ("pd_dob", 0.0088), ("pd_cdob", 0.037), ("pd_ddob", 0.0078)]
 )

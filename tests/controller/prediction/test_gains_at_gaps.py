@@ -60,11 +60,3 @@ def test_the_error_decays_at_every_regular_gap(preset: str) -> None:
         gains = next(gains_in(params_at(speed_m_s)))
         for gap in range(1, GAP_MAX + 1):
             assert error_growth(gains, gap) < 1.0, (speed_m_s, gap)
-
-
-def test_the_gain_of_a_measurement_in_every_sample_would_not_do() -> None:
-    params_at = design_law(controller_preset("highway_predictor")).params_at
-    assert params_at is not None
-    gains = next(gains_in(params_at(25.0)))
-    constant = gains._replace(corrections=gains.corrections[:1] * len(gains.corrections))
-    assert error_growth(constant, 2) < 1.0 < error_growth(constant, 3)

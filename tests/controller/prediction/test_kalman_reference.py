@@ -1,4 +1,4 @@
-"""The filter of the laws against filterpy's, over gains, over a record, and over its own model.
+"""The filter of the laws against filterpy's, over gains and over a record.
 
     x[k+1] = F x[k] + B u[k] + w[k],   E w wᵀ = Q        x = (β, r, Δψ, y, ρ, d, δ)
     z[k]   = H x[k] + v[k],            E v vᵀ = R        z = (y, Δψ)
@@ -36,8 +36,6 @@ from steer_by_wire.controller.prediction.vehicle_kalman_filter import (
     Correction,
     EstimatorState,
     VehicleGains,
-    correction_step,
-    estimator_at_rest,
     model_step,
 )
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
@@ -221,38 +219,3 @@ def model_of(gains: VehicleGains) -> tuple[np.ndarray, np.ndarray]:
     f = [model_step(gains, EstimatorState(0, *unit), 0.0)[1:] for unit in units]
     b = model_step(gains, EstimatorState(0, *np.zeros(7)), 1.0)[1:]
     return np.array(f).T, np.array(b)[:, None]
-
-
-# Its own model
-
-
-def test_for_data_of_its_own_model_the_innovations_are_white_and_as_large_as_they_should() -> None:
-    """Consistency: 20,000 samples; bounds at four standard deviations of what chance leaves."""
-    samples, speed_m_s = 20_000, 1.39
-    settings = EstimatorSettings(speed_m_s_min=speed_m_s, speed_m_s_max=80.0)
-    gains = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, Feedback(1.0, 0.0)).gains[0]
-    (f,), (g,) = sampled_vehicles(settings, vehicle(), [speed_m_s], SENSOR_PERIOD_S)
-    q, r = noise_covariances(settings, SENSOR_PERIOD_S)
-    reference = reference_filter(settings, speed_m_s)
-    settled_gain(reference)
-    random = np.random.default_rng(5)
-    driving = random.normal(size=(samples, 6)) * np.sqrt(np.diag(q))
-    noise = random.normal(size=(samples, 2)) * np.sqrt(np.diag(r))
-    truth, x = np.zeros(7), estimator_at_rest(0.0)._replace(sample=0)
-    innovations = np.empty((samples, 2))
-    for index in range(samples):
-        command_rad = 0.05 * np.sin(0.02 * index)
-        truth = f @ truth + g * command_rad
-        truth[:6] += driving[index]
-        x = model_step(gains, x, command_rad)
-        y_m, psi_rad = truth[3] + noise[index, 0], truth[2] + noise[index, 1]
-        innovations[index] = y_m - x.lateral_error_m, psi_rad - x.heading_error_rad
-        x = correction_step(gains.corrections[0], x, y_m, psi_rad)
-    innovations = innovations[500:]
-    whitened = np.linalg.solve(np.linalg.cholesky(reference.S), innovations.T)
-    covariance = whitened @ whitened.T / len(innovations)
-    chance = 4.0 / np.sqrt(len(innovations))
-    np.testing.assert_allclose(covariance, np.eye(2), atol=1.5 * chance)
-    for lag in range(1, 20):
-        correlation = whitened[:, lag:] @ whitened[:, :-lag].T / (len(innovations) - lag)
-        assert np.abs(correlation).max() < chance

@@ -7,7 +7,6 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from steer_by_wire.closed_loop.compiled.engine import CompiledRun, run_compiled
-from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.law_interface import NO_LOOP_DELAY, History
 from steer_by_wire.controller.prediction.lag_filter import (
@@ -125,12 +124,6 @@ def test_a_lag_between_two_keeps_the_gains_it_has() -> None:
     assert chosen(0.01, x._replace(choice=AS_SET)) == 4
     assert chosen(0.01, x._replace(choice=6)) == 4
     assert chosen(0.01, x._replace(choice=2, variance_aa=1.0)) == 2
-
-
-def test_a_compiled_run_with_a_lag_equals_the_nodes() -> None:
-    asked = plant(0.1)
-    result = run_virtual_pair(asked, law(measures_lag=True), None)
-    assert result.plant["node"]["lateral_error_rms_m"] == driven(0.1).lateral_error_rms_m
 
 
 def test_without_a_lag_measuring_it_changes_nothing() -> None:

@@ -135,12 +135,6 @@ def test_without_steering_nothing_is_learnt() -> None:
     assert (x.choice, x.variance_ww) == (AS_SET, VARIANCES_MAX[0])
 
 
-def test_a_compiled_run_with_another_mass_equals_the_nodes() -> None:
-    asked = plant(5000.0)
-    result = run_virtual_pair(asked, law(measures_mass=True), None)
-    assert result.plant["node"]["lateral_error_rms_m"] == driven(5000.0).lateral_error_rms_m
-
-
 def test_at_the_mass_of_the_settings_measuring_it_changes_nothing() -> None:
     as_set = run_compiled(plant(NOMINAL_KG), law(measures_mass=False))
     assert (driven(NOMINAL_KG).sent_rad == as_set.sent_rad).all()

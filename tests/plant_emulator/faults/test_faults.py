@@ -10,7 +10,6 @@ from steer_by_wire.closed_loop.compiled.engine import FaultsNotCompiledError, ru
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
-    CAN_IDS,
     Mode,
     Rejection,
     SteeringCommand,
@@ -28,7 +27,6 @@ from tests.support.frames.decoded_frames import decoded, messages_in
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
-COMMAND_ID = CAN_IDS[SteeringCommand]
 
 
 class Sink:

@@ -49,11 +49,6 @@ def test_independent_loss_is_as_frequent_as_asked(loss: float) -> None:
     assert np.mean(lost) == pytest.approx(loss, abs=0.003)
 
 
-def test_independent_losses_follow_each_other_by_chance_only() -> None:
-    _, lost = fates(bernoulli(0.2))
-    assert np.mean(runs(lost)) == pytest.approx(1.0 / 0.8, rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("loss", "burst_frames", "in_good", "in_burst"),
     [(0.02, 5.0, 0.0, 1.0), (0.10, 20.0, 0.01, 0.8), (0.3, 3.0, 0.0, 0.5), (0.05, 1.0, 0.0, 1.0)],
@@ -106,26 +101,6 @@ def test_bursts_that_would_have_to_touch_grow() -> None:
     bursts, lost = fates(gilbert_elliott(0.9, 2.0, 0.0, 1.0))
     assert np.mean(lost) == pytest.approx(0.9, abs=0.005)
     assert np.mean(runs(bursts)) == pytest.approx(10.0, rel=0.05)  # 1 / (1 − 0.9)
-
-
-@pytest.mark.parametrize(
-    ("in_burst", "u", "outcome"),
-    [
-        (False, 0.00, (True, True)),
-        (False, 0.14, (True, True)),  # below 0.2 · 0.75
-        (False, 0.16, (True, False)),
-        (False, 0.21, (False, True)),  # below 0.2 + 0.8 · 0.125
-        (False, 0.31, (False, False)),
-        (True, 0.44, (True, True)),  # below 0.6 · 0.75
-        (True, 0.46, (True, False)),
-        (True, 0.64, (False, True)),  # below 0.6 + 0.4 · 0.125
-        (True, 0.66, (False, False)),
-    ],
-)
-def test_one_uniform_decides_state_and_loss(
-    in_burst: bool, u: float, outcome: tuple[bool, bool]
-) -> None:
-    assert loss_step(LossParams(0.2, 0.6, 0.125, 0.75), in_burst, u) == outcome
 
 
 @given(st.floats(2.0**-54, 1.0 - 2.0**-53), st.booleans())

@@ -14,7 +14,6 @@ from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, see
 
 GUST = DisturbanceConfig(32_767.0, 0.0, 0.02, 0.3)
 SLOW = LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01)
-SLOWER = LatencyConfig(Direction.DOWNLINK, LatencyModel.CONSTANT, 0.25, 0.0, 0.0)
 Changes = tuple[tuple[int, LatencyConfig | DisturbanceConfig], ...]
 
 

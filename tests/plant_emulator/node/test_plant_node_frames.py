@@ -22,9 +22,6 @@ from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, lin
 # Frames nobody should have sent
 
 
-A_CONFIG = LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.0, 0.0, 0.0)
-
-
 # What a signal cannot carry
 
 

@@ -12,9 +12,6 @@ from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParam
 
 MS_NS = 1_000_000
 INF = math.inf
-LOWER = (("low", "low_1"), ("lowest", "low_2"), ("low", "steer"))
-HIGHER = (("high", "high_1"), ("highest", "high_2"), ("high", "steer"))
-"""Whose lower or higher value the limiter takes."""
 
 
 def params(

@@ -63,29 +63,6 @@ def test_the_clock_stands_while_commands_are_no_older_than_what_is_no_silence() 
     assert guarded.mode == "FALLBACK"
 
 
-def test_damaged_commands_that_use_up_the_run_let_the_clock_run_on() -> None:
-    guarded = Guarded()
-    steady(guarded, 0.25)
-    guarded.command(300.0, 0.25)
-    guarded.command(310.0, 0.25)
-    assert guarded.x.deadline_ns == 890 * MS_NS
-    time_ms = 320.0
-    guarded.damaged()
-    assert guarded.x.good_run == 1
-    while guarded.mode == "HOLDING":
-        guarded.damaged()
-        assert guarded.command(time_ms, 0.0)
-        assert guarded.target == 0.0
-        assert (guarded.x.good_run, guarded.x.deadline_ns) == (1, 890 * MS_NS)
-        time_ms += 10.0
-        guarded.until(time_ms - 1e-6)
-    assert time_ms == 900.0
-    guarded.damaged()
-    assert not guarded.command(900.0, 0.0)
-    assert not guarded.command(910.0, 0.0)
-    assert guarded.command(920.0, 0.0)
-
-
 @pytest.mark.parametrize("recovery_frames", [1, 2, 3])
 def test_recovery_comes_as_soon_as_so_many_more_commands_were_good_than_damaged(
     recovery_frames: int,

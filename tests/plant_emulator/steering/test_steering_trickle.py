@@ -4,17 +4,10 @@ from itertools import pairwise
 
 import pytest
 
-from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
-from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     SteeringStatus,
     SteeringStatusCode,
 )
-from steer_by_wire.plant_emulator.faults.stage import with_faults
-from steer_by_wire.plant_emulator.node.node import PlantNode
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 HOLDING, FOLLOWING = SteeringStatusCode.HOLDING, SteeringStatusCode.APPLYING
@@ -65,27 +58,3 @@ def test_single_commands_end_in_fallback_and_are_reported_as_no_recovery(gap_ms:
     assert (report["holdings"], report["fallbacks"], report["recoveries"]) == (1, 1, 0)
     assert tested.node.report()["safety"]["ignored_commands"] >= 1
     assert tested.node.samples[-1].wheel_angle_rad < 0.1
-
-
-def pair(outage: str, *overrides: str) -> PlantNode:
-    """A run of practical_pd_ddob at 7 km/h with faults of the commands from 2 s on."""
-    drop = 'kind="drop", direction="downlink", message="STEERING_COMMAND", onset_s=2.0'
-    plant = load_settings(
-        PlantSettings,
-        None,
-        None,
-        ["vehicle.speed_m_s=1.9444444444444444", f"faults=[{{{drop}, {outage}}}]", *overrides],
-    )
-    node = PlantNode(plant, 0)
-    edge = with_faults(node, plant.faults, plant.seed)
-    controller = ControllerNode(controller_preset("practical_pd_ddob"), 0)
-    run_virtual_nodes(edge, controller, None, None, lambda: False)
-    return node
-
-
-def test_a_trickle_of_commands_falls_back() -> None:
-    """Of 94 % lost for 8 s, every hold was ended by a single frame."""
-    report = pair("duration_s=8.0, magnitude=0.94", "duration_s=10").report()["safety"]
-    assert report["fallbacks"] >= 1
-    assert report["recoveries"] <= report["holdings"] <= 10
-    assert report["longest_silence_s"] < 0.64

@@ -9,7 +9,6 @@ from steer_by_wire.runtime.node.drifting_clock import DriftingClock
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 
 PERIOD_NS = 10_000_000
-BIT_NS = 2_000
 
 
 class Periodic:

@@ -196,12 +196,6 @@ def test_no_frame_is_handed_over_as_of_a_time_before_its_arrival(reports_arrival
     assert figures.lateness.max_ns == 0
 
 
-def test_a_wake_up_reads_the_clock_once_for_the_node_and_once_for_the_wait_after_it() -> None:
-    machine = Machine([(4 * MS, frame(1)), (4 * MS, frame(2))], reports_arrivals=True)
-    figures = run(Recorder(ticks=3), machine)
-    assert len(machine.readings_ns) == 1 + 2 * figures.wake_ups
-
-
 def test_work_beyond_the_next_deadline_leaves_no_wait_and_keeps_phase() -> None:
     machine = Machine()
 

@@ -196,14 +196,6 @@ def test_on_a_bus_frames_of_one_instant_compete_and_arrive_one_after_the_other()
         assert 222_000 <= later_ns - earlier_ns <= 270_000
 
 
-def test_on_a_bus_a_frame_on_the_wire_is_not_interrupted_by_a_more_urgent_one() -> None:
-    wire, on_wire = recorder()
-    urgent = ScriptedNode("b", [], period_ns=10 * MS, start_ns=1, frames=[Frame(0x001, bytes(8))])
-    nodes = [periodic("a", [], 0x700, 0x6FF), urgent]
-    VirtualTimeExecutor(nodes, BusModel(500_000), on_wire).run(10 * MS)
-    assert [can_id for _, _, can_id in wire] == [0x6FF, 0x001, 0x700]
-
-
 def test_a_node_gets_a_frame_at_its_end_of_frame() -> None:
     events: list[Event] = []
     wire, on_wire = recorder()

@@ -166,16 +166,6 @@ def test_a_bus_off_of_an_interface_with_carrier_is_counted_as_forged_and_ends_no
     assert machine.reported == []
 
 
-def test_a_bus_off_of_an_interface_without_carrier_ends_the_run(
-    machine: Machine, carriers: dict[str, bool]
-) -> None:
-    carriers["can7"] = False
-    connection = machine.connect(0.0)
-    machine.ports[0].waiting.append(BUS_OFF_FRAME)
-    with pytest.raises(BusError, match="bus-off"):
-        connection.recv(0.0)
-
-
 # A connection that is kept
 
 

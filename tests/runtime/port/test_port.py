@@ -182,20 +182,6 @@ def test_every_option_reaches_a_plugin() -> None:
     )
 
 
-def test_a_configuration_file_is_all_that_a_plugin_needs(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    configuration = tmp_path / "can.ini"
-    configuration.write_text(
-        "[default]\ninterface = adapter\nchannel = 3\nbitrate = 125000\nlisten_only = True\n"
-    )
-    monkeypatch.setattr("can.util.CONFIG_FILES", [str(configuration)])
-    found = opened()
-    assert found.description == "adapter 3 (from the configuration file)"
-    (options,) = Adapter.opened_with
-    assert (options["channel"], options["bitrate"], options["listen_only"]) == (3, 125000, True)
-
-
 def test_a_plugin_that_filters_is_given_what_the_node_receives() -> None:
     assert bus_of(opened("-i", "filtering", "-c", "x")).hardware_filters == FILTERS
     assert bus_of(opened("-i", "filtering", "-c", "x", ids=None)).hardware_filters is None

@@ -194,28 +194,6 @@ def test_a_frame_comes_with_the_kernel_s_time_on_the_monotonic_clock(
     assert port.recv(0.0) is None
 
 
-def test_frames_the_socket_had_no_room_for_are_counted(sockets: list[FakeSocket]) -> None:
-    port = SocketCanPort("can7")
-    overflow = (socket.SOL_SOCKET, SO_RXQ_OVFL, struct.pack("=I", 17))
-    sockets[0].waiting += [
-        (packed(FRAMES[1]), [overflow, stamp(5 * S)]),
-        (packed(FRAMES[1]), [stamp(6 * S)]),
-    ]
-    assert port.dropped == 0
-    assert port.recv(0.0) is not None
-    assert port.recv(0.0) is not None
-    assert port.dropped == 17
-
-
-def test_a_wait_ends_without_a_frame_when_none_comes() -> None:
-    one, other = socket.socketpair()
-    with one, other:
-        port = SocketCanPort.__new__(SocketCanPort)
-        port._socket = one
-        one.setblocking(False)
-        assert port.recv(0.001) is None
-
-
 @pytest.mark.parametrize(
     ("code", "words"),
     [

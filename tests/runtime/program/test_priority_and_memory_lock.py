@@ -107,13 +107,6 @@ def test_under_a_limit_only_the_memory_in_use_is_locked(
     assert ("mlockall", 1) in linux.calls
 
 
-def test_a_priority_that_was_not_asked_for_is_left_alone(linux: Linux) -> None:
-    linux.policy = os.SCHED_FIFO
-    with real_time(RealTimeRequest()):
-        pass
-    assert linux.policy == os.SCHED_FIFO
-
-
 def test_what_is_refused_is_reported_with_the_reason_and_the_block_runs(linux: Linux) -> None:
     linux.error = 1
     with real_time(EVERYTHING) as answers:

@@ -19,7 +19,6 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port.port import VIRTUAL_HINT
 from steer_by_wire.runtime.program.node_options import load_program_settings
 from steer_by_wire.runtime.settings import SettingsError
-from tests.support.programs.running_program import ORDINARY
 from tests.support.programs.some_program import NAME, Options, Probe, SomeSettings, run
 from tests.support.programs.some_program import channel as channel
 from tests.support.programs.some_program import options as options
@@ -144,40 +143,6 @@ def test_output_that_cannot_be_written_is_one_line() -> None:
         result = printing_program(full.fileno())
     assert result.stderr == "p: error: No space left on device\n"
     assert result.returncode == ExitStatus.OUTPUT
-
-
-def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
-    presets: str, tmp_path: Path
-) -> None:
-    file = tmp_path / "report.json"
-    code = (
-        "import sys; sys.path.insert(0, sys.argv[1]);"
-        "from tests.support.programs.some_program import NAME, Probe, SomeSettings;"
-        "from steer_by_wire.runtime.command_line import run_main;"
-        "from steer_by_wire.runtime.program.run_node import run_node;"
-        "from steer_by_wire.runtime.program.node_options import make_parser;"
-        "options = make_parser(NAME, '', '', sys.argv[2], SomeSettings).parse_args(sys.argv[3:]);"
-        "run = lambda: run_node(NAME, options, SomeSettings(), lambda _: Probe());"
-        "sys.exit(run_main(NAME, run))"
-    )
-    reader, writer = os.pipe()
-    os.close(reader)
-    try:
-        result = subprocess.run(
-            [
-                *(sys.executable, "-c", code, str(tmp_path), presets, *ORDINARY),
-                *("-i", "virtual", "-c", "gone", "--json", str(file)),
-            ],
-            cwd=Path(__file__).resolve().parents[3],
-            stdout=writer,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
-    finally:
-        os.close(writer)
-    assert (result.stderr, result.returncode) == ("", ExitStatus.OK)
-    assert json.loads(file.read_text())["ended_by"] == "finished"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes of other platforms cannot be asked")

@@ -16,7 +16,6 @@ from steer_by_wire.runtime.exit_status import ExitStatus, most_severe
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.program.run_node import run_node
-from steer_by_wire.runtime.program.stop_request import StopRequest
 from tests.support.programs.some_program import NAME, Options, Probe, SomeSettings, run
 from tests.support.programs.some_program import channel as channel
 from tests.support.programs.some_program import options as options
@@ -59,18 +58,6 @@ def test_a_run_ends_after_its_duration(options: Options, tmp_path: Path) -> None
     file = tmp_path / "report.json"
     run(options("--duration", "0.001", "--json", str(file)), Sleeper())
     assert json.loads(file.read_text())["ended_by"] == "duration"
-
-
-def test_a_duration_counts_from_the_start_on_the_clock() -> None:
-    now_ns = 0
-    stop = StopRequest(lambda: now_ns)
-    assert not stop()
-    stop.end_at(5)
-    now_ns = 4
-    assert not stop()
-    now_ns = 5
-    assert stop()
-    assert stop.reason == "duration"
 
 
 @pytest.mark.parametrize(
@@ -124,37 +111,6 @@ def test_a_bus_that_fails_ends_the_run_with_one_line_and_its_report(
     assert run(options("--json", str(file)), node) == ExitStatus.BUS
     assert capsys.readouterr().err == f"{NAME}: error: cannot send: bus-off\n"
     assert json.loads(file.read_text())["ended_by"] == "cannot send: bus-off"
-
-
-def test_with_reconnect_a_bus_that_fails_once_does_not_end_the_run(
-    options: Options, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("steer_by_wire.runtime.port.connection.RETRY_S", 0.001)
-    monkeypatch.setattr("steer_by_wire.runtime.port.connection.SETTLED_S", 0.0)
-    calls = []
-
-    def refuse_once(*_arguments: object, **_options: object) -> tuple[None, bool]:
-        calls.append("recv")
-        if len(calls) == 1:
-            raise can.CanOperationError("the adapter is gone")
-        return None, False
-
-    monkeypatch.setattr(VirtualBus, "_recv_internal", refuse_once)
-    file = tmp_path / "report.json"
-    heard: list[str] = []
-
-    def hear(_screen: object, text: str) -> None:
-        heard.append(text)
-        if "is back" in text:
-            interrupt()
-
-    monkeypatch.setattr("steer_by_wire.runtime.program.screen.Screen.line", hear)
-    assert run(options("--reconnect", "--json", str(file)), Sleeper()) == ExitStatus.OK
-    begin = "cannot receive: the adapter is gone; waiting 60 s"
-    assert any(text.startswith(begin) for text in heard)
-    report = json.loads(file.read_text())
-    assert report["ended_by"] == "SIGINT"
-    assert (report["connection"]["outages"], report["connection"]["reconnections"]) == (1, 1)
 
 
 def test_a_bus_that_fails_again_when_it_is_shut_down_is_reported_once(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.runtime.node.real_time_loop import LoopFigures
-from steer_by_wire.runtime.node.statistics import DurationSummary, durations_report
+from steer_by_wire.runtime.node.statistics import DurationSummary
 from steer_by_wire.runtime.program.report import loop_report, write_json
 
 SUMMARY = DurationSummary(
@@ -75,16 +75,6 @@ def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path: Path) -> None:
         assert json.loads(os.read(reader, 1000)) == {"run": 1}
     finally:
         os.close(reader)
-
-
-def test_times_are_reported_in_seconds() -> None:
-    assert durations_report(SUMMARY) == {
-        "samples": 2,
-        "mean_s": 0.0015,
-        "p50_s": 0.001,
-        "p99_s": 0.002,
-        "max_s": 0.002,
-    }
 
 
 @pytest.mark.parametrize(("duration_ns", "fraction"), [(2_000_000_000, 0.25), (0, 0.0)])

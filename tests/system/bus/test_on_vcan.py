@@ -4,7 +4,6 @@ One run, in phases that foreign frames on the bus set apart from each other: eve
 about what the log and the reports hold, and none about when.
 """
 
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,7 +12,6 @@ from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import Processes
@@ -21,7 +19,6 @@ from steer_by_wire.dbc.contract.message_records import PathAhead, SteeringPlan
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     MESSAGE_TYPES,
-    Decoded,
     DisturbanceConfig,
     GroundTruth,
     LatencyConfig,
@@ -30,8 +27,6 @@ from steer_by_wire.dbc.messages import (
     ModelStatus,
     PlantStatus,
     SteeringCommand,
-    decode,
-    sent_by,
 )
 from steer_by_wire.runtime.frame import FD, Frame
 from tests.support.frames.decoded_frames import messages_in
@@ -263,91 +258,3 @@ def test_the_pair_survives_a_flood(run: Run) -> None:
     came = messages_in(run.phases.flood, SteeringCommand)
     assert came, "no command came between two frames of the flood"
     assert mostly_active(run.phases.after)
-
-
-def steer_by_measurement(log: Log) -> dict[int, float]:
-    """Return the first command [rad] of the law's own by the number of the measurement before it.
-
-    Where the machine stalls, more follow the same measurement, and hold what was before.
-    """
-    steer_rad: dict[int, float] = {}
-    number, last = -1, None
-    for frame in log:
-        found = decode(frame)
-        if not isinstance(found, Decoded):
-            continue
-        if isinstance(found.message, LateralError):
-            number += 1 if last is None else (found.counter - last) % 256
-            last = found.counter
-        elif isinstance(found.message, SteeringCommand) and found.message.mode is Mode.ACTIVE:
-            steer_rad.setdefault(number, found.message.steer_rad)
-    return steer_rad
-
-
-@pytest.fixture
-def script(folder: Path, run: Run) -> Path:
-    """Return what the plant sent in the first phase, for canplayer.
-
-    Of its own messages from somebody else the controller takes none.
-    """
-    del run  # its log is there now
-    before_mark = (folder / "log").read_text(encoding="ascii").partition(f" {MARK_ID:X}#")[0]
-    lines = before_mark.splitlines(keepends=True)[:-1]
-    script = folder / "script"
-    of_plant = tuple(f" {CAN_IDS[kind]:X}#" for kind in sent_by("PLANT"))
-    sent = [line for line in lines if any(name in line for name in of_plant)]
-    script.write_text("".join(sent), encoding="ascii")
-    return script
-
-
-def replayed(script: Path) -> Log:
-    """Play the plant's frames to a new controller; returns the bus's log."""
-    log = script.with_name("replayed")
-    with (
-        candump(log),
-        subprocess.Popen(
-            [sys.executable, "-m", "steer_by_wire.controller", *CONTROLLER_OPTIONS],
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as process,
-    ):
-        assert process.stdout is not None
-        assert "ready" in process.stdout.readline()
-        call("canplayer", "-I", str(script))
-        process.send_signal(signal.SIGINT)
-        assert "ended by SIGINT" in process.communicate(timeout=PATIENCE_S)[0]
-        # Where the machine stalls, no command takes effect; then the commands differ too.
-        assert process.returncode in {0, 6}
-        wait_until(
-            lambda: (
-                log.read_text(encoding="ascii").count(" 110#") == script.read_text().count(" 110#")
-            ),
-            "the log is complete",
-        )
-    return read(log)
-
-
-def share_commanded_alike(first: dict[int, float], second: dict[int, float]) -> float:
-    """Return the share of the measurements both had to which both commanded the same."""
-    peak_rad = max(abs(steer_rad) for steer_rad in first.values())
-    assert peak_rad > 0.1
-    # The two need not wake up between the same measurements: what one lacks is between two others.
-    both = [
-        number
-        for number in second
-        if first.keys() & {number - 1, number} and first.keys() & {number, number + 1}
-    ]
-    if len(both) < PHASE_COMMANDS / 3:
-        return 0.0
-    expected_rad = np.interp(both, list(first), list(first.values()))
-    differences_rad = np.abs(expected_rad - [second[number] for number in both])
-    return float(np.mean(differences_rad <= 0.01 * peak_rad))
-
-
-def test_a_fresh_controller_commands_the_same_when_canplayer_replays_the_log(
-    run: Run, script: Path
-) -> None:
-    first = steer_by_measurement(run.phases.alone)
-    # The machine may stall during most of a replay.
-    replays = (steer_by_measurement(replayed(script)) for _ in range(3))
-    assert any(share_commanded_alike(first, second) > 0.8 for second in replays)

@@ -69,17 +69,3 @@ def test_a_file_without_a_vehicle_is_refused_in_one_line(
     file.write_text(text)
     with pytest.raises(SettingsError, match=f"{mistake}[^\n]*$"):
         load_settings(PlantSettings, shared=plant.shared_vehicle(file))
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("speed_km_h=5", "speed_m_s"),
-        ("front_axle_m=1.3", "front_axle_distance_m"),
-        ("rear_axle_m=1.5", "rear_axle_distance_m"),
-        ("preview_m=2", "preview_distance_m"),
-    ],
-)
-def test_a_key_of_before_names_the_one_that_took_its_place(old: str, new: str) -> None:
-    with pytest.raises(SettingsError, match=rf"did you mean vehicle\.{new}\?\)$"):
-        load_settings(PlantSettings, overrides=[f"vehicle.{old}"])

@@ -15,12 +15,8 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from tests.support.frames.made_messages import message_with
 from tests.support.nodes.fed_history import MS, PERIOD_NS, FedHistory, driven
-from tests.support.nodes.plant_link import START_NS, link
-from tests.support.runs.compiled_runs import assert_same_as_nodes, plant_settings
 
 ONSET_S = 6.0
-OUTAGES = ("latency.downlink.loss=0.25", "latency.downlink.burst_frames=90")
-"""Gaps of the commands of 0.9 s on average."""
 
 
 class Outage:
@@ -113,44 +109,3 @@ def test_where_echoes_are_lost_the_wheel_is_taken_to_stay() -> None:
     history = fed.history.history
     assert history.is_overruled[99:105] == [False, True, True, True, True, False]
     assert history.wheel_rad[100:104] == pytest.approx([0.1] * 4)
-
-
-def test_the_fade_after_a_fallback_is_reported_as_long_as_it_lasts() -> None:
-    tested = link(safety={"hold_ms": 100.0})
-    for step in range(51):
-        tested.command(START_NS + step * PERIOD_NS, 0.1)
-    back_ns = START_NS + 100 * PERIOD_NS
-    for step in range(80):
-        tested.command(back_ns + step * PERIOD_NS, 0.1)
-    tested.tick_until(back_ns + 80 * PERIOD_NS)
-    statuses = [(m.status, m.wheel_angle_rad) for _, m in tested.messages(SteeringStatus)]
-    recovered = [code for code, _ in statuses[100:]]
-    fading = recovered.count(SteeringStatusCode.LIMITED_BY_SAFETY)
-    first = recovered.index(SteeringStatusCode.LIMITED_BY_SAFETY)
-    # From 0.04 rad, where the ramp was at the fifth command, to 0.1 rad at 0.2 rad/s.
-    assert 29 <= fading <= 31
-    assert set(recovered[first + fading :]) == {SteeringStatusCode.APPLYING}
-    assert statuses[-1][1] == pytest.approx(0.1, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        OUTAGES,
-        (*OUTAGES, "latency.downlink.mean_s=0.3", "actuator.lag_s=0.2"),
-        (
-            *OUTAGES,
-            *("latency.uplink.loss=0.2", "latency.uplink.mean_s=0.0333"),
-            *("latency.uplink.model=gamma", "latency.uplink.spread_s=0.02"),
-        ),
-        (*OUTAGES, "sensor_period_ms=7", "start_on_first_command=false"),
-        ("safety.override_at_s=4", "latency.downlink.mean_s=0.1"),
-        (*OUTAGES, "safety.angle_rad_max=0.02"),
-    ],
-    ids=["outages", "lag", "uplink", "sensors", "override", "limit"],
-)
-def test_a_compiled_run_with_outages_equals_the_nodes(overrides: Sequence[str]) -> None:
-    period = ["link.sensor_period_ms=7"] if "sensor_period_ms=7" in overrides else []
-    law = controller_preset("practical_predictor", period)
-    run = assert_same_as_nodes(plant_settings(overrides), law)
-    assert np.abs(run.wheel_angle_rad - run.command_rad)[200:].max() > 1e-3

@@ -8,7 +8,6 @@ of each the bare loop is driven too: the law on the moving vehicle with the same
 nodes, frames and resolution of the wire.
 """
 
-import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -22,18 +21,12 @@ from steer_by_wire.controller.filters.settings import (
     PdSettings,
     VehicleModelSettings,
 )
-from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.laws.law_from_settings import design_law
-from steer_by_wire.controller.limits.steer_limits import LimitSettings, limit_step
+from steer_by_wire.controller.limits.steer_limits import LimitSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
-from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
-from steer_by_wire.plant_emulator.network.random_streams import Stream, uniforms
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
-from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 
 PERIOD_NS = 10_000_000
@@ -154,37 +147,6 @@ def plant_settings(latency: Latency, corner: Corner) -> PlantSettings:
     )
 
 
-def bare_rms_m(plant: PlantSettings, controller: ControllerSettings) -> float:
-    """RMS of the loop without nodes, frames and quantisation."""
-    design, limits = design_law(controller), controller.steer_limits
-    motion = Motion(motion_params(plant.vehicle, plant.actuator, plant.path, plant.disturbance))
-    line: LatencyLine[float] = LatencyLine(
-        plant.latency.downlink,
-        uniforms(plant.seed, Stream.DOWNLINK),
-        uniforms(plant.seed, Stream.DOWNLINK_DUPLICATES),
-    )
-    state, steer_rad, squares_m2 = design.initial_state(0.0), 0.0, 0.0
-    periods = plant.duration_ns // PERIOD_NS
-    for index in range(periods + 1):
-        now_ns = index * PERIOD_NS
-        apply_due(line, motion, now_ns)
-        motion.advance(now_ns)
-        squares_m2 += motion.lateral_error_m**2
-        observed = LawInput(motion.lateral_error_m, steer_rad)
-        state, output = design.step(design.params, state, observed)
-        steer_rad = limit_step(limits, steer_rad, output.steer_rad)
-        line.push([(0, steer_rad)], now_ns, now_ns)
-        apply_due(line, motion, now_ns)
-    return math.sqrt(squares_m2 / periods)
-
-
-def apply_due(line: LatencyLine[float], motion: Motion, now_ns: int) -> None:
-    while line.next_due_ns <= now_ns:
-        for due_ns, _, ((_, steer_rad),) in line.pop_due(line.next_due_ns):
-            motion.advance(due_ns)
-            motion.command(steer_rad)
-
-
 def run_cell(cell: Cell) -> Result:
     controller = controller_settings(cell.row)
     plants = {corner: plant_settings(cell.latency, corner) for corner in CORNERS}
@@ -206,8 +168,6 @@ def stable_cells() -> Iterator[Cell]:
 
 
 CELLS = tuple(stable_cells())
-FURTHEST = tuple({cell.row: cell for cell in CELLS}.values())
-"""Of each law with its filters the last cell that is stable."""
 
 
 @pytest.fixture(scope="module")
@@ -227,15 +187,6 @@ def test_virtual_time_agrees_with_an_independent_simulation(
     cell: Cell, results: dict[Cell, Result]
 ) -> None:
     assert results[cell].virtual_m == pytest.approx(cell.rms_m, rel=0.05)
-
-
-@pytest.mark.parametrize("cell", FURTHEST, ids=name_of)
-def test_the_wire_s_resolution_does_not_show_in_the_rms(
-    cell: Cell, results: dict[Cell, Result]
-) -> None:
-    found = results[cell]
-    bare_m = bare_rms_m(plant_settings(cell.latency, found.worst), controller_settings(cell.row))
-    assert found.virtual_m == pytest.approx(bare_m, rel=1e-3)
 
 
 def test_no_stable_cell_touches_the_steering_limit(results: dict[Cell, Result]) -> None:

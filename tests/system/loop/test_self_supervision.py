@@ -119,16 +119,6 @@ def test_the_end_comes_when_the_wheel_has_been_ramped_to_zero() -> None:
     assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
 
 
-def test_commands_after_a_fault_are_ignored() -> None:
-    tested = steering(link(overruns={"overruns_max": 0}))
-    late(tested, 1)
-    for step in range(60, 80):
-        tested.command(START_NS + step * PERIOD_NS, 0.5)
-    tested.tick_until(START_NS + 80 * PERIOD_NS)
-    assert tested.node.report()["safety"]["ignored_commands"] == 20
-    assert abs(tested.last(SteeringStatus).wheel_angle_rad) < 0.1
-
-
 @pytest.mark.parametrize(
     ("key", "value"),
     [

@@ -28,12 +28,6 @@ def content_of(file: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def jobs() -> dict[str, Any]:
-    found: dict[str, Any] = content_of(WORKFLOWS / "ci.yml")["jobs"]
-    return found
-
-
-@pytest.fixture(scope="module")
 def vcan_jobs() -> dict[str, Any]:
     found: dict[str, Any] = content_of(WORKFLOWS / "vcan.yml")["jobs"]
     return found
@@ -74,28 +68,6 @@ def bash() -> str:
 
 def commands(job: dict[str, Any]) -> str:
     return "\n".join(step["run"] for step in job["steps"] if "run" in step)
-
-
-def test_the_workflow_runs_the_suite_on_every_python_and_system(jobs: dict[str, Any]) -> None:
-    assert jobs["linux"]["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
-    assert "make test" in commands(jobs["linux"])
-    systems = jobs["elsewhere"]["strategy"]["matrix"]["system"]
-    assert {system.partition("-")[0] for system in systems} == {"macos", "windows"}
-    assert "python -m pytest" in commands(jobs["elsewhere"])
-
-
-def test_what_a_push_only_samples_is_run_whole_every_week() -> None:
-    workflow = content_of(WORKFLOWS / "explore.yml")
-    assert workflow[True]["schedule"]  # YAML 1.1 reads the key "on" as true
-    assert "--hypothesis-profile=explore" in commands(workflow["jobs"]["explore"])
-
-
-def test_the_workflow_makes_the_interfaces_that_the_tests_want(jobs: dict[str, Any]) -> None:
-    text = commands(jobs["linux"])
-    assert "modprobe vcan echo=1" in text
-    delay = f"delay {1e3 * vcan_session.NETEM_DELAY_S:g}ms"
-    assert f"dev {vcan_session.NETEM_CHANNEL} root netem limit 100000 {delay}" in text
-    assert f"--interfaces vcan0,{vcan_session.NETEM_CHANNEL}" in text
 
 
 def test_every_command_of_the_workflows_is_well_formed(every_job: list[dict[str, Any]]) -> None:

@@ -1,12 +1,9 @@
 """Worker processes end with the process that handed out the work, however it ends."""
 
-import multiprocessing
 import os
 import signal
 import subprocess
 import sys
-import time
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import pytest
@@ -69,24 +66,6 @@ def test_workers_have_one_thread_each_and_the_environment_stays_as_it_was(
         ]
     assert seen == ["1", "1"]
     assert os.environ == before
-
-
-def _fail_beside_work(children: list[BaseProcess]) -> None:
-    with worker_pool(1) as pool:
-        pool.submit(time.sleep, 3600.0)
-        children += multiprocessing.active_children()
-        raise ZeroDivisionError
-
-
-def test_an_exception_ends_what_the_workers_do() -> None:
-    before = set(multiprocessing.active_children())
-    children: list[BaseProcess] = []
-    with pytest.raises(ZeroDivisionError):
-        _fail_beside_work(children)
-    (worker,) = set(children) - before
-    # The pool's own thread waits for it too: the later of two joins returns without the status.
-    wait_until(lambda: worker.exitcode is not None, "the worker's end")
-    assert worker.exitcode == -signal.SIGTERM
 
 
 def test_a_worker_that_is_killed_is_one_line_for_the_user() -> None:
