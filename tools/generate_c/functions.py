@@ -26,6 +26,7 @@ from enum import IntEnum
 from typing import Any, NamedTuple, NoReturn, TypeGuard
 
 from .helpers import HELPERS
+from .line_width import WIDTH, joined_declarations, wrapped_arguments
 from .records import Kind, Record, Records, UntranslatableError, declared, hexadecimal, member_name
 from .sources import Source, hints_of, source_of
 
@@ -37,7 +38,6 @@ _OPERATORS: Mapping[type, tuple[str, int]] = {
 _CHOICE, _LOGIC, _COMPARISON, _SIGN, _ATOM = 1, 2, 3, 6, 7
 _INTEGER_DIVISIONS = {ast.FloorDiv: "floor_div", ast.Mod: "floor_mod"}
 _INT32_MAX = 2**31 - 1
-_WIDTH = 100
 _TAKEN = frozenset((
     "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum",
     "extern", "float", "for", "goto", "if", "inline", "int", "long", "register", "restrict",
@@ -107,7 +107,7 @@ class Function:
             for name, kind in self.parameters
         ]
         head = f"{storage}{declared(self.result)} {self.name}("
-        return "\n".join(_wrapped(f"{head}{', '.join(parameters)})"))
+        return "\n".join(wrapped_arguments(f"{head}{', '.join(parameters)})"))
 
     def definition(self, storage: str = "") -> str:
         """Return the comment and the whole function; ``storage`` is ``static `` or nothing."""
@@ -206,7 +206,10 @@ class Function:
                 self._results += 1
                 name = "result" if self._results == 1 else f"result_{self._results}"
                 line = f"const {declared(result.kind)} {name} = {result.text};"
-                return [*_wrapped(line), *self._apart(target, Text(name, _ATOM, result.kind))]
+                return [
+                    *wrapped_arguments(line),
+                    *self._apart(target, Text(name, _ATOM, result.kind)),
+                ]
             case ast.Tuple(), _:
                 return self._apart(target, self._expression(value))
         return self._refuse(target)
@@ -228,7 +231,7 @@ class Function:
         for one, (name, _) in zip(target.elts, kind.fields, strict=True):
             part = self._field(target, record, name)
             lines += self._apart(one, part) if isinstance(one, ast.Tuple) else self._set(one, part)
-        return _joined(lines)
+        return joined_declarations(lines)
 
     def _set(self, target: ast.expr, value: Text) -> list[str]:
         """Declare a name, or set it again."""
@@ -464,7 +467,7 @@ def _is_number(value: object) -> TypeGuard[float]:
 def _braces(texts: Sequence[str]) -> str:
     """Return the values of a record as C writes them, on one line where they fit."""
     line = f"{{{', '.join(texts)}}}"
-    if len(line) <= _WIDTH - 40:
+    if len(line) <= WIDTH - 40:
         return line
     return f"{{\n{textwrap.indent(''.join(f'{it},{chr(10)}' for it in texts), '    ')}}}"
 
@@ -480,29 +483,3 @@ def _left_at_zero(node: ast.AST) -> Sequence[tuple[str, int]]:
             return []
     parts = [ast.unparse(test).rpartition(" == ") for test in tests]
     return [(name, node.test.lineno) for name, _, zero in parts if zero in ("0.0", "0")]
-
-
-def _joined(lines: Sequence[str]) -> list[str]:
-    """Return declarations of numbers, one after the other, as one that fits the width."""
-    found: list[str] = []
-    for line in lines:
-        begins, last = "const double ", found[-1] if found else ""
-        both = f"{last[:-1]}, {line[len(begins) :]}"
-        if line.startswith(begins) and last.startswith(begins) and len(both) <= _WIDTH - 4:
-            found[-1] = both
-        else:
-            found.append(line)
-    return found
-
-
-def _wrapped(line: str) -> list[str]:
-    """Return a line that ends with arguments, broken before and within these if it is too long."""
-    if len(line) <= _WIDTH - 11:
-        return [line]
-    head, _, rest = line.partition("(")
-    lines = [f"{head}(", "   "]
-    for argument in rest.replace(", ", ",\n").splitlines():
-        if len(lines[-1]) + len(argument) > _WIDTH - 11:
-            lines.append("   ")
-        lines[-1] += f" {argument}"
-    return lines

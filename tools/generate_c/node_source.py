@@ -54,13 +54,13 @@ from steer_by_wire.runtime.settings import SettingsError
 
 from .functions import Function
 from .helpers import called_by
+from .line_width import WIDTH
 from .messages import messages_in_c
 from .records import Records, declared, enumeration, hexadecimal, initializer, struct
 from .sources import reached, records_of
 
 NAME = "node_rules"
 _PROTOCOL = "steer_by_wire.closed_loop.lockstep"
-_WIDTH = 100
 _BREAKS = re.compile(r", | (?=(&&|\|\||[|?:+*/-]) )")
 _RULES: tuple[Callable[..., Any], ...] = (
     *(modes.mode_step, modes.measured_run, modes.damaged_run),
@@ -162,8 +162,8 @@ def _folded(text: str) -> str:
     for line in text.splitlines():
         indent = " " * (len(line) - len(line.lstrip()) + 4)
         rest = line
-        while len(rest) > _WIDTH:
-            breaks = [it.end() for it in _BREAKS.finditer(rest, len(indent) + 1, _WIDTH)]
+        while len(rest) > WIDTH:
+            breaks = [it.end() for it in _BREAKS.finditer(rest, len(indent) + 1, WIDTH)]
             if not breaks:
                 break
             lines.append(rest[: breaks[-1]].rstrip())
