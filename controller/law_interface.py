@@ -173,7 +173,7 @@ class Law(NamedTuple):
                          [rad/rad] from the params; the law looks back where that is not 0
     ``looking_back``     analysis of a law that is linear at a constant latency only
     ``after_hold``       state after a hold, from the params, the state before the hold and the
-                         lateral error now [m]; None: the law starts anew
+                         lateral error now [m]; None: the law starts again
     ``plan``             for a law that plans: writes the plan of this period into the history's
                          ``plans``, from the params, the state after the step and its input, and
                          returns the index of the value that acts first, -1 for no plan

@@ -66,7 +66,7 @@ One that is sent cyclically and spontaneously comes in between as well, at chang
 ACTIVE_CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.active_cycle_time_ms for message_type, codec in _CODECS.items()}
 )
-"""The same while a message is sent, of one sent when needed too; 0 for those of a tool."""
+"""Cycle of a message while it is sent, also of one sent when needed [ms]; 0 for those of a tool."""
 
 NUMBERED_WITH: Mapping[type[Message], type[Message]] = MappingProxyType(
     {SteeringPlan: SteeringCommand}  # noqa: F405

@@ -98,7 +98,7 @@ class PlantSettings(Settings):
     def parts(self) -> tuple[Part, ...]:
         """The parts of your own in network, path and disturbance, as their places are now.
 
-        What is kept for equal settings depends on them too: a notebook may define one anew.
+        What is kept for equal settings depends on them too: a notebook may define one again.
         """
         places = (
             (find_latency_model, self.latency.downlink.model),

@@ -40,12 +40,12 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def open_text(path: Path) -> TextIO:
-    """Open a text file in UTF-8 to write it anew, its line ends as given; raises OSError."""
+    """Open a text file in UTF-8 to overwrite it, its line ends as given; raises OSError."""
     return io.TextIOWrapper(open_binary(path), encoding="utf-8", newline="\n")
 
 
 def open_binary(path: Path) -> BinaryIO:
-    """Open a file to write it anew; raises OSError."""
+    """Open a file to overwrite it; raises OSError."""
     return cast(BinaryIO, io.BufferedWriter(_NamedFile(path)))
 
 

@@ -2,7 +2,7 @@
 
 Each program has its own parser and its own ``--help``; here are only the names, in the order in
 which a newcomer needs them. A program is imported only when it is started, and what completion
-does without only where it is used: every key in the shell starts this anew.
+does without only where it is used: every key in the shell starts this again.
 """
 
 import os

@@ -1,6 +1,6 @@
 """Completion in the shell within a tenth of a second: what parsers know is kept in a file.
 
-argcomplete asks the program anew at every key, whose imports take seconds. The first key behind a
+argcomplete starts the program at every key, and its imports take seconds. The first key behind a
 program's name still does; its options and their values then lie in the user's cache, by program,
 until a file of the package changes. Standard library only.
 """

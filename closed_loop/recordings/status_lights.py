@@ -76,7 +76,7 @@ _SAFETY = {
     SafetyState.LIMITING: (NOTICE, "a command was limited in the last 0.1 s"),
     SafetyState.HOLDING: (NOTICE, "no command for 140 ms or more: the wheel is held"),
     SafetyState.FALLBACK: (BAD, "silence outlasted the hold: the wheel goes to its fallback"),
-    SafetyState.SAFE_STATE: (BAD, "safe state until the plant is started anew"),
+    SafetyState.SAFE_STATE: (BAD, "safe state until the plant is started again"),
 }
 
 

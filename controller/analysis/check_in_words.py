@@ -79,7 +79,7 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
     if figures["jitter"]:
         yield ""
         yield (
-            "Latency drawn anew for each command (gamma, newest wins,"
+            "A new latency for each command (gamma, newest wins,"
             f" {100.0 * figures['jitter'][0]['loss']:g} % lost), standard deviation:"
         )
         yield from _jitter(figures["jitter"])

@@ -1,4 +1,4 @@
-"""Stability of the sampled loop when the latency of every command is drawn anew.
+"""Stability of the sampled loop with a new random latency for every command.
 
 Each command has its own latency, independent of all others, or is lost. The newest command that has
 arrived is held, and overtaken ones are dropped. The age of the held command is then a Markov chain,
@@ -110,7 +110,7 @@ class _MomentRecursion:
         self._period_s = loop.period_ns / NS_PER_S
         self._transition, self._hold = zero_order_hold(a, b, self._period_s)
         self._held_rows = law_end + youngest + np.arange(modes)
-        self._law = np.zeros((law_end + 1 - plant_end, law_end))  # the law anew, and its command
+        self._law = np.zeros((law_end + 1 - plant_end, law_end))  # its next state and command
         self._law[:-1, :plant_end] = np.outer(law.b, c)
         self._law[:-1, plant_end:] = law.a
         self._law[-1] = np.concatenate([law.d * c, law.c])

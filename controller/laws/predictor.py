@@ -169,7 +169,7 @@ def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorSt
 def predictor_after_hold(
     p: PredictorParams, x: PredictorState, lateral_error_m: float
 ) -> PredictorState:
-    """Return the state after a hold: the filter continues, pd_ddob starts anew.
+    """Return the state after a hold: the filter continues, pd_ddob starts again.
 
     The held command is known, so that the filter bridges the gap with its model.
     """

@@ -18,7 +18,7 @@ the wheel angle while the steering overrules commands (hold, fallback, limits). 
 lag the wheel angle is the input itself; with one, it is lagged twice for as long as that lasts.
 
 A measurement is used at the sample at which it was taken. The filter stays at the newest sample
-whose measurement and echo are both known or definitely lost. From there it runs ahead, anew at
+whose measurement and echo are both known or definitely lost. From there it runs ahead, again at
 every tick, through data that arrived early.
 """
 
@@ -174,7 +174,7 @@ def model_step(
 def step_on_path(
     g: VehicleGains, loop_delay: LoopDelay, history: History, x: EstimatorState, command_rad: float
 ) -> EstimatorState:
-    """Return the same, but let the curvature change as the path ahead does, where that is known.
+    """Return the predicted state, with the curvature of the path ahead where that is known.
 
     Only the change is used: the estimate itself also contains disturbances that look like a
     curvature.

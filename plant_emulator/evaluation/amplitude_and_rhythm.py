@@ -26,7 +26,7 @@ from collections.abc import Sequence
 HALF_PERIODS_MIN = 4
 """Fewer half periods are no rhythm: its figures are then NaN."""
 WHEEL_HALF_PERIODS_MIN = 12
-"""The same for the wheel, which noise moves too: in fewer it has a rhythm by chance."""
+"""Swings of the wheel for a rhythm. Noise moves the wheel too: fewer may look like a rhythm."""
 FAST_S = 1.0
 """A slower motion of the wheel follows the path; at most the length of a window."""
 _HYSTERESIS = 0.3

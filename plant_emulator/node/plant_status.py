@@ -19,7 +19,7 @@ from ..network.network import Network
 
 PERIOD_NS = 100_000_000
 INTERVAL_NS = 20_000_000
-"""The same as for CONTROLLER_SAFETY, which reports changes of the controller."""
+"""Shortest time between two reports of a change, as of CONTROLLER_SAFETY [ns]."""
 _NO_MORE_LIMITING = (SafetyState.LIMITING, SafetyState.NORMAL)
 _BY_COMMANDS = (SafetyState.NORMAL, SafetyState.LIMITING)
 _LATENCY_S_MAX = limits(PlantStatus)["downlink_latency_s"].maximum

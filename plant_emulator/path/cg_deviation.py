@@ -73,7 +73,7 @@ def deviation_behind_m(
     lateral_error_m: float,
     preview_m: float,
 ) -> float:
-    """Return the same for a preview point beside ``along_m`` of a piece of the path.
+    """Return the deviation for a preview point at ``along_m`` of a piece of the path.
 
     ``end_piece``, ``end_along_m``  of the point ``preview_m`` before; negative before an open path
     """

@@ -113,7 +113,7 @@ def outside_at(
     lateral_error_m: float,
     preview_m: float,
 ) -> Outside:
-    """Return the same for a sample of the preview point."""
+    """Return how far the body is outside, for a sample of the preview point."""
     before_m = arc_length_m + corridor.front_m - corridor.sections[0].from_m
     beyond_m = arc_length_m - preview_m - corridor.rear_m - corridor.sections[-1].to_m
     if before_m < 0.0 or beyond_m > _LONGER_M:

@@ -61,7 +61,7 @@ def design_motion_arrays(
     path: Path,
     disturbance: DisturbanceSettings,
 ) -> MotionParams:
-    """Return the same on a path that is built, with arrays for ``table`` and ``first_rows``."""
+    """Return the parameters on a path that is built; ``table``, ``first_rows`` are arrays."""
     params = _params(vehicle, actuator, path, disturbance)
     needed, rows = _needed(vehicle_params(vehicle), params.actuator, params.intervals)
     table: Any = np.concatenate([transition_table(augmented_matrix(*one)) for one in needed])

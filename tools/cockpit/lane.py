@@ -75,7 +75,7 @@ class Lane:
         return isinstance(self._port, BusPort | SocketCanPort) and self._port.takes_fd
 
     def reset_figures(self) -> None:
-        """Let the running figures start anew."""
+        """Let the running figures start again."""
         self._wishes.put(self._sampler.reset_figures)
 
     def on_plant_start(self) -> None:

@@ -102,7 +102,7 @@ class OwnLanes:
         self.hand: HandFile | None = None
 
     def start(self, scenario: Scenario) -> None:
-        """Start a scenario anew; raises SettingsError, BusError or OSError."""
+        """Restart a scenario; raises SettingsError, BusError or OSError."""
         settings = lane_settings(scenario)
         for lane in settings:
             if lane.controller:

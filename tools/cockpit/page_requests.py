@@ -76,7 +76,7 @@ class SendFrame(Settings):
 
 
 class Start(Settings):
-    """Start a scenario anew; ``scenario`` is checked where it is used."""
+    """Restart a scenario; ``scenario`` is checked where it is used."""
 
     do: Literal["start"]
     scenario: dict[str, Any]
@@ -114,7 +114,7 @@ class Record(Settings):
 
 
 class ResetFigures(Settings):
-    """Let the running figures start anew."""
+    """Let the running figures start again."""
 
     do: Literal["reset"]
 

@@ -153,7 +153,7 @@ class Sampler:
             self._ghosts.predictor.restart()
 
     def reset_figures(self) -> None:
-        """Let the running figures start anew."""
+        """Let the running figures start again."""
         self._score = Score()
 
     def on_late_read(self, late_ns: int, now_ns: int) -> None:

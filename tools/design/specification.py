@@ -107,7 +107,7 @@ class CourseTable(Settings):
 
 
 class JitterTable(Settings):
-    """`[[jitter]]`: commands with a latency drawn anew for each, newest wins; to be measured."""
+    """`[[jitter]]`: commands with a new random latency each, newest wins; to be measured."""
 
     mean_ms: Annotated[float, Field(gt=0.0, le=2000.0)]
     spread_ms: Annotated[float, Field(gt=0.0, le=2000.0)]

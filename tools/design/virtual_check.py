@@ -118,7 +118,7 @@ def constant(delay_ns: int) -> LatencySettings:
 
 
 def jittered(table: JitterTable) -> LatencySettings:
-    """Return the latency of commands: gamma, anew for each, the newest wins."""
+    """Return the latency of commands: gamma, a new one for each, the newest wins."""
     return LatencySettings(
         model=Distribution.GAMMA,
         mean_s=table.mean_ms / 1e3,

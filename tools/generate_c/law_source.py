@@ -29,7 +29,7 @@ _NOT_IN_C = ("estimator",)
 _HEADER = """\
 /* {title}
  *
- *     law_start(&law, error_m);                      the law begins, or begins anew
+ *     law_start(&law, error_m);                      the law begins, or begins again
  *     output = law_step(&law, error_m, sent_rad);    once in each period of PERIOD_NS
  *     sent_rad = limit_step(&STEER_LIMITS, sent_rad, output.steer_rad);
  *

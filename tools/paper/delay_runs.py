@@ -48,7 +48,7 @@ class Law(NamedTuple):
     overrides: tuple[str, ...] = ()
 
     def changed(self, *overrides: str) -> "Law":
-        """Return the same law with further settings."""
+        """Return this law with further settings."""
         return self._replace(overrides=(*self.overrides, *overrides))
 
 

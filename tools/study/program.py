@@ -128,7 +128,7 @@ def _replay(run: int, console: Console, store: Store, computer: Computer) -> int
     for line in replay_lines(made):
         console.print(line)
     if made.stored is None:
-        console.print(f"run {run} is not stored yet: computed anew and compared")
+        console.print(f"run {run} is not stored yet: computed now and compared")
     if made.differences:
         console.print(f"different: {', '.join(made.differences)}")
         return DIFFERENT
