@@ -36,7 +36,7 @@ from .analysis.check_verdict import found_in
 from .fail_if_quantities import QUANTITIES
 from .laws import LAWS
 from .node.node import RECEIVED, SENT, ControllerNode
-from .node.report_in_words import contradictions, controller_summary, verdict_text
+from .node.report_in_words import controller_summary, rare_measurements, verdict_text
 from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 
 NAME = "steer-by-wire controller"
@@ -155,5 +155,5 @@ def conclude(settings: ControllerSettings, node: ControllerNode) -> None:
         say(NAME, "ended with the plant, as --exit-with-plant asks")
     for heading, text in controller_summary(report):
         say(NAME, f"{heading} {text}")
-    for warning in contradictions(settings, report):
+    if warning := rare_measurements(settings, report):
         say(NAME, warning, sys.stderr)

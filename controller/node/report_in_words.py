@@ -27,6 +27,15 @@ def controller_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
                 f"{state.replace('_', ' too ')} for the settings, {100.0 * share:.0f} % of the time"
             )
             yield "validity", text
+    period = node["sensor_period"]
+    if period is not None and period["times_wrong"]:
+        yield (
+            "warning",
+            f"the plant's sensor period was about {1e3 * period['measured_s']:.3g} ms, but "
+            f"link.sensor_period_ms = {1e3 * period['setting_s']:g}: the law did without the delay",
+        )
+    if node["contradiction"]:
+        yield "warning", f"signals of the plant: {node['contradiction']}"
     if node["second_senders"]:
         yield "warning", second_sender_line(node["second_senders"])
     if node["rejected"]:
@@ -65,20 +74,13 @@ def limited_text(node: Report) -> str:
     return f"the controller's [limits] changed {share} of the law's commands ({', '.join(limits)})"
 
 
-def contradictions(settings: ControllerSettings, node: Mapping[str, Any]) -> Iterator[str]:
-    """Return warnings about settings that contradict what the run has measured."""
+def rare_measurements(settings: ControllerSettings, node: Mapping[str, Any]) -> str:
+    """Return the warning of ``sparse_measurements`` about what a run has measured, else ""."""
     age_s = node["sample_age"]["mean_s"]
     # With a measurement at every tick the newest is never older than a period; with fewer it is
     # half a sensor period old on average.
     is_rare = age_s * settings.rate_hz > 1.5
-    if is_rare and (warning := sparse_measurements(settings, 2.0 * age_s)):
-        yield warning
-    period = node["sensor_period"]
-    if period is not None and period["times_wrong"]:
-        yield (
-            f"the plant's sensor period was about {1e3 * period['measured_s']:.3g} ms, but "
-            f"link.sensor_period_ms = {1e3 * period['setting_s']:g}: the law did without the delay"
-        )
+    return sparse_measurements(settings, 2.0 * age_s) if is_rare else ""
 
 
 def sparse_measurements(settings: ControllerSettings, sensor_period_s: float) -> str:

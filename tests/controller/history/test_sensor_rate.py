@@ -168,7 +168,8 @@ def test_a_wrong_period_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) ->
     for period, lines in (("20", 1), ("10", 0)):
         _, controller = driven([f"sensor_period_ms={period}"])
         program.conclude(controller_preset("practical_predictor"), controller)
-        reported = capsys.readouterr().err.splitlines()
+        said_lines = capsys.readouterr().out.splitlines()
+        reported = [line for line in said_lines if "warning" in line]
         assert len(reported) == lines
         said = "sensor period was about 20 ms, but link.sensor_period_ms = 10"
         assert all(said in line for line in reported)

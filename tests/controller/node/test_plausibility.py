@@ -8,6 +8,7 @@ import pytest
 
 from steer_by_wire import Run, simulate
 from steer_by_wire.controller.node.plausibility import BOUNDS, DEBOUNCE_S, Plausibility, mean_motion
+from steer_by_wire.controller.node.report_in_words import controller_summary
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import VehicleState
 
@@ -114,10 +115,12 @@ def test_a_wrong_signal_in_valid_frames_ends_in_safe_stop_and_is_reported(name: 
     assert not report["rejected"]
 
 
-def test_by_default_a_contradiction_is_reported_alone() -> None:
+def test_by_default_a_contradiction_is_said_and_the_law_goes_on() -> None:
     wrong = fault("scale", *CURVATURE, -1.0)
     report = run("practical_pd_ddob", [wrong]).controller_report
     assert report["contradiction"].startswith("heading error, yaw rate")
+    warnings = [text for heading, text in controller_summary(report) if heading == "warning"]
+    assert warnings == [f"signals of the plant: {report['contradiction']}"]
     assert report["failure"] == ""
     assert report["verdict"] == "in control"
 
