@@ -6,6 +6,7 @@ interface it is decides ``interface_choice``.
 
 import argparse
 import errno
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Protocol
@@ -109,7 +110,7 @@ class BusPort:
         """
         while True:
             try:
-                message = self.bus.recv(max(timeout_s, 0.0))
+                message = self._message(max(timeout_s, 0.0))
             except (can.CanError, OSError) as error:
                 raise BusError(f"cannot receive: {one_line(error)}") from error
             if message is None:
@@ -119,6 +120,23 @@ class BusPort:
                 return Received(frame, None)
             del self._sent[frame]
             timeout_s = 0.0
+
+    def _message(self, timeout_s: float) -> can.Message | None:
+        """Return the next message as ``bus.recv`` does, whose wait follows the wall clock.
+
+        A wall clock that is set back would make it wait for as long as it was set back.
+        """
+        bus = self.bus
+        if type(bus).recv is not can.BusABC.recv:
+            return bus.recv(timeout_s)
+        end_s = time.monotonic() + timeout_s
+        while True:
+            message, is_filtered = bus._recv_internal(timeout=timeout_s)
+            if message is not None and (is_filtered or bus._matches_filters(message)):
+                return message
+            timeout_s = end_s - time.monotonic()
+            if timeout_s <= 0.0:
+                return None
 
     def send(self, frame: Frame) -> bool:
         """Send ``frame`` without waiting; returns whether the bus had room.

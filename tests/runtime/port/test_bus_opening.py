@@ -1,6 +1,7 @@
 """Bus that is opened, and the report of a failing one."""
 
 import argparse
+import itertools
 import json
 import uuid
 from collections.abc import Iterator
@@ -154,4 +155,32 @@ def test_a_port_reports_a_failed_bus_in_one_line() -> None:
         port.recv(PATIENCE_S)
     with pytest.raises(BusError, match=r"cannot send: .*broker has ended"):
         port.send(Frame(1, b""))
+    bus.shutdown()
+
+
+class SilentBus(can.BusABC):
+    """A bus on which no message comes; ``waits`` are the timeouts that it was given."""
+
+    def __init__(self) -> None:
+        super().__init__(None)
+        self.waits: list[float] = []
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise AssertionError(msg, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        self.waits.append(timeout or 0.0)
+        return None, False
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, 3600.0])
+def test_a_wall_clock_that_is_set_changes_no_wait(
+    step_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wall_s = itertools.count(1.8e9, step_s)
+    monkeypatch.setattr("can.bus.time", lambda: next(wall_s))
+    monkeypatch.setattr("time.time", lambda: next(wall_s))
+    bus = SilentBus()
+    assert BusPort(bus).recv(0.002) is None
+    assert max(bus.waits) == 0.002
     bus.shutdown()
