@@ -187,14 +187,15 @@ def arrivals_of(
     # LATERAL_ERROR and STEERING_STATUS of every sample, others of some: all draw.
     messages = np.full(samples, 2)
     messages[::every] = 3 if plant.path_ahead is None else 4
+    first = np.append(0, np.cumsum(messages))
     sample = np.repeat(np.arange(samples), messages)
     came_ns = sample * plant.sensor_period_ns
-    is_wanted = np.arange(len(sample)) - np.searchsorted(sample, sample) == message
+    is_wanted = np.arange(len(sample)) - np.repeat(first[:-1], messages) == message
     frames = Frames(came_ns, np.maximum(came_ns - motion_start_ns, 0), is_wanted)
     up = passages(plant.latency.uplink, plant.seed, Stream.UPLINK, Stream.UPLINK_DUPLICATES, frames)
     number = sample[up.frame] // (every if message >= Uplink.VEHICLE_STATE else 1)
     rule = rule._replace(period_ns=cycle_ns(_MESSAGES[message]))
-    lost = np.append(0, np.cumsum(up.is_lost))[np.searchsorted(sample, np.arange(samples + 1))]
+    lost = np.append(0, np.cumsum(up.is_lost))[first]
     return _accepted(rule, number, Arrivals(up.due_ns, sample[up.frame], lost))
 
 
