@@ -4,7 +4,6 @@ steer-by-wire plant --preset paper_nominal -i socketcan -c vcan0 --set latency.d
 """
 
 import argparse
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -25,8 +24,6 @@ from .fail_if_quantities import RUN_QUANTITIES
 from .faults.messages_on_bus import messages_in, naming
 from .faults.stage import with_faults
 from .node.node import RECEIVED, SENT, PlantNode
-from .path.drivability import undrivable
-from .path.path_from_settings import build_path
 from .settings import PRESETS, PlantSettings, shared_vehicle
 from .vehicle.motion_parameters import motion_params
 
@@ -68,8 +65,6 @@ def _run(options: argparse.Namespace) -> int:
     if options.check:
         print(check_text(settings), end="")
         return ExitStatus.OK
-    if warning := undrivable(build_path(settings.path), settings.vehicle.speed_m_s):
-        say(NAME, warning, sys.stderr)
     params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
     # Without a trace nobody reads the samples.
     samples_max = 0 if options.trace is None else SAMPLES_MAX

@@ -28,6 +28,7 @@ class LatencyDraw:
     ``uniforms``            stream of the loss and latency of each frame
     ``duplicate_uniforms``  stream of the duplicates
 
+    ``trace_times_s``  times of the rows of the settings' trace [s]; empty without one
     ``constant_ns``  the one latency of all frames [ns]; empty where draws decide
     """
 
@@ -43,6 +44,7 @@ class LatencyDraw:
         self._quantile = settings.quantile
         self._schedule = settings.profile
         self._trace = settings.trace()
+        self.trace_times_s = () if self._trace is None else self._trace.times_s
         self._mean_s = settings.mean_s
         self._spread_s = settings.spread_s
         self._loss = self._loss_params(settings.loss)

@@ -57,6 +57,7 @@ class LatencyLine(Generic[Item]):
     ``duplicate_uniforms``  stream of the duplicates
 
     ``next_due_ns``  when the next frame is due [ns]; NEVER_NS if none waits
+    ``trace_times_s``  as of ``LatencyDraw``
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class LatencyLine(Generic[Item]):
         duplicate_uniforms: Iterator[float],
     ) -> None:
         self._draw = LatencyDraw(settings, uniforms, duplicate_uniforms)
+        self.trace_times_s = self._draw.trace_times_s
         self._newest_wins = settings.order is Order.NEWEST_WINS
         self._in_order = settings.order is Order.IN_ORDER
         self._in_turn: deque[Passage[Item]] = deque()

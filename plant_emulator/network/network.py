@@ -14,6 +14,7 @@ class Network:
     """Both lines of a run; their random numbers depend on its ``seed`` only.
 
     ``measured_latency_s``  latency of the last measurement that left [s]
+    ``traces_s``            times of the rows of each direction's trace; empty without one
     """
 
     def __init__(self, latency: BothLatencySettings, seed: int) -> None:
@@ -26,6 +27,9 @@ class Network:
             latency.uplink, uniforms(seed, Stream.UPLINK), uniforms(seed, Stream.UPLINK_DUPLICATES)
         )
         self.measured_latency_s = math.nan
+        self.traces_s = {
+            "downlink": self.downlink.trace_times_s, "uplink": self.uplink.trace_times_s,
+        }  # fmt: skip
 
     @property
     def lost(self) -> int:

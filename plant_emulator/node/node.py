@@ -47,6 +47,7 @@ from ..evaluation.report_in_json import line_report, motion_report, reception_re
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
 from ..network.network import Network
 from ..path.corridor import corridor_of
+from ..path.drivability import undrivable
 from ..path.path import Path
 from ..sensors.sampling import Sampling
 from ..settings import PlantSettings
@@ -145,6 +146,7 @@ class PlantNode:
             samples_max,
             corridor_of(settings.path),
         )
+        self._undrivable = undrivable(self._motion.path, settings.vehicle.speed_m_s)
         self.finished = False
 
     @property
@@ -241,6 +243,7 @@ class PlantNode:
         states = {
             "mode": _MODES[unit.mode],
             "controller": reported,
+            "path": self._undrivable and f"warning: {self._undrivable}",
             "intervention": self.interventions.newest_text(),
             "second sender": second_sender_line(reception.second_senders),
             "failure": failure and f"fault of this program: {failure}",
@@ -291,7 +294,11 @@ class PlantNode:
             "safety": self._unit.report(),
             "interventions": self.interventions.report(),
             "warnings": settings_without_effect(
-                self._settings, self._motion.path, self._motion.time_ns / NS_PER_S, clamped
+                self._settings,
+                self._motion.path,
+                self._network.traces_s,
+                self._motion.time_ns / NS_PER_S,
+                clamped,
             ),
         }
 

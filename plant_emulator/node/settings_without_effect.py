@@ -5,9 +5,10 @@ does one whose path the vehicle never reaches.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from ..network.settings import LatencySettings
+from ..path.drivability import undrivable
 from ..path.path import Path
 from ..path.settings import PluginPathSettings, WaypointSettings
 from ..settings import PlantSettings
@@ -17,10 +18,15 @@ from ..vehicle.steady_turn import steady_steer_m
 
 
 def settings_without_effect(
-    settings: PlantSettings, path: Path, motion_s: float, clamped: int
+    settings: PlantSettings,
+    path: Path,
+    traces_s: Mapping[str, Sequence[float]],
+    motion_s: float,
+    clamped: int,
 ) -> list[str]:
-    """Return what of the settings never acted, or could not act in full.
+    """Return what of the settings never acted, could not act in full, or no car could do.
 
+    ``traces_s``  times of the rows of each direction's latency trace
     ``motion_s``  how long the vehicle has moved
     ``clamped``   values of the sensors that did not fit their signal
     """
@@ -28,7 +34,9 @@ def settings_without_effect(
         return []
     end = f"the motion ended at {motion_s:g} s"
     late = [
-        f"{what} from {at_s:g} s on: {end}" for what, at_s in _times(settings) if at_s >= motion_s
+        f"{what} from {at_s:g} s on: {end}"
+        for what, at_s in _times(settings, traces_s)
+        if at_s >= motion_s
     ]
     beyond = (
         f"{clamped} measured values were beyond the range of their signal, and clamped to it"
@@ -38,7 +46,9 @@ def settings_without_effect(
     return [*late, *_spreads(settings), *path_lines, *([beyond] if clamped else [])]
 
 
-def _times(settings: PlantSettings) -> Iterator[tuple[str, float]]:
+def _times(
+    settings: PlantSettings, traces_s: Mapping[str, Sequence[float]]
+) -> Iterator[tuple[str, float]]:
     """Yield what begins at a time of motion, and that time."""
     for number, fault in enumerate(settings.faults):
         yield f"faults[{number}] ({fault.kind}) never acted,", fault.onset_s
@@ -50,9 +60,8 @@ def _times(settings: PlantSettings) -> Iterator[tuple[str, float]]:
         latency: LatencySettings = getattr(settings.latency, way)
         for number, point in enumerate(latency.schedule[1:], start=1):
             yield f"latency.{way}.schedule[{number}] never acted,", point.time_s
-        trace = latency.trace()
-        if trace is not None and len(trace.times_s) > 1:
-            yield f"latency.{way}: only the first row of the trace acted, others", trace.times_s[1]
+        for second_s in traces_s[way][1:2]:
+            yield f"latency.{way}: only the first row of the trace acted, others", second_s
 
 
 def _spreads(settings: PlantSettings) -> Iterator[str]:
@@ -78,6 +87,8 @@ def _path(settings: PlantSettings, path: Path, motion_s: float) -> Iterator[str]
     elif not path.closed and isinstance(settings.path, WaypointSettings | PluginPathSettings):
         end_s = path.length_m / speed_m_s
         yield f"path ends after {path.length_m:.4g} m ({end_s:.4g} s); from there on it is straight"
+    if line := undrivable(path, speed_m_s):
+        yield line
     if settings.vehicle.model is not None:
         return
     curvature_1_m = max(map(abs, path.curvature_1_m))

@@ -25,7 +25,7 @@ def undrivable(path: Path, speed_m_s: float) -> str:
     if asked_m_s2 <= GRAVITY_M_S2:
         return ""
     return (
-        f"warning: the path asks for a lateral acceleration of {asked_m_s2:.3g} m/s² at"
+        f"the path asks for a lateral acceleration of {asked_m_s2:.3g} m/s² at"
         f" {speed_m_s:.4g} m/s, and a dry road (friction 1) gives {GRAVITY_M_S2:.3g} m/s²: no car"
         " follows it, only the linear model does; drive more slowly or on a gentler path"
     )

@@ -28,8 +28,6 @@ from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
-from steer_by_wire.plant_emulator.path.drivability import undrivable
-from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
@@ -126,8 +124,6 @@ def _run(options: argparse.Namespace) -> int:
     if ours is not None:
         plant_settings = judged_like(plant_settings, ours)
     if ours is not None and (warning := sparse_measurements(ours, period_s)):
-        say(NAME, warning, sys.stderr)
-    if warning := undrivable(build_path(plant_settings.path), plant_settings.vehicle.speed_m_s):
         say(NAME, warning, sys.stderr)
     bus = _bus_settings(options)
     files = None if options.out is None else PairFiles(options.out)

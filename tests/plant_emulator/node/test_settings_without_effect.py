@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire import simulate
+from steer_by_wire.plant_emulator.network.network import Network
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.node.settings_without_effect import settings_without_effect
 from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings, plant_preset
@@ -17,16 +19,18 @@ MOTION_S = 10.0
 
 
 def warnings_of(*overrides: str, clamped: int = 0) -> list[str]:
-    settings = load_settings(PlantSettings, overrides=overrides)
-    path = build_path(settings.path)
-    return settings_without_effect(settings, path, MOTION_S, clamped)
+    return found(load_settings(PlantSettings, overrides=overrides), MOTION_S, clamped)
+
+
+def found(settings: PlantSettings, motion_s: float, clamped: int = 0) -> list[str]:
+    path, traces_s = build_path(settings.path), Network(settings.latency, 0).traces_s
+    return settings_without_effect(settings, path, traces_s, motion_s, clamped)
 
 
 @pytest.mark.parametrize("name", preset_names(PRESETS))
 def test_a_whole_run_of_a_preset_has_no_warnings(name: str) -> None:
     settings = plant_preset(name)
-    path = build_path(settings.path)
-    assert settings_without_effect(settings, path, settings.duration_s, 0) == []
+    assert found(settings, settings.duration_s) == []
 
 
 LATE = {
@@ -42,17 +46,30 @@ LATE = {
 @pytest.mark.parametrize("what", LATE)
 @given(at_s=st.floats(0.1, 100.0).map(lambda at_s: round(at_s, 3)))
 def test_what_begins_after_the_end_of_the_motion_is_said_by_its_key(what: str, at_s: float) -> None:
-    found = warnings_of(LATE[what].format(at_s=at_s))
-    assert bool(found) == (at_s >= MOTION_S)
-    assert all(line.startswith(f"{what} never acted, from {at_s:g} s on") for line in found)
+    lines = warnings_of(LATE[what].format(at_s=at_s))
+    assert bool(lines) == (at_s >= MOTION_S)
+    assert all(line.startswith(f"{what} never acted, from {at_s:g} s on") for line in lines)
 
 
 def test_a_trace_of_which_only_the_first_row_acted_is_said(tmp_path: Path) -> None:
     file = tmp_path / "trace.csv"
     for second_s, is_said in ((5.0, False), (10.0, True)):
         file.write_text(f"time_s,latency_s\n0,0.05\n{second_s},0.1\n")
-        found = warnings_of(f'latency.downlink.trace_file="{file.as_posix()}"')
-        assert bool(found) == is_said
+        assert bool(warnings_of(f'latency.downlink.trace_file="{file.as_posix()}"')) == is_said
+
+
+def test_a_trace_that_is_deleted_during_a_run_is_reported_as_read(tmp_path: Path) -> None:
+    file = tmp_path / "trace.csv"
+    file.write_text("time_s,latency_s\n0,0.05\n90,0.1\n")
+    settings = load_settings(
+        PlantSettings, overrides=[f'latency.uplink.trace_file="{file.as_posix()}"']
+    )
+    plant = PlantNode(settings.model_copy(update={"start_on_first_command": False}), 0)
+    for now_ns in range(0, 1_000_000_001, settings.sensor_period_ns):
+        plant.on_tick(now_ns)
+    file.unlink()
+    (line,) = [each for each in plant.report()["warnings"] if "trace" in each]
+    assert "others from 90 s on: the motion ended at 1 s" in line
 
 
 @pytest.mark.parametrize(
