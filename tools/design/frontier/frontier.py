@@ -1,4 +1,4 @@
-"""The whole frontier, computed in worker processes: a table, a file and two pictures."""
+"""The whole frontier, computed in worker processes: a table, a file and a picture."""
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
@@ -7,35 +7,23 @@ from typing import Any
 
 from ....closed_loop.processes.parallel_work import worker_pool
 from ....closed_loop.reports.plot_style import plot_style
-from ....controller.settings import controller_preset
 from ....runtime.exit_status import ExitStatus
 from ....runtime.output_file import open_text
-from ..search.law_parameters import KEYS, controller_settings
+from ..search.law_parameters import KEYS
 from ..searches import Searches, begin_worker, report_from
 from ..vehicle_file import VehicleFile
-from .picture import draw_frontier, draw_trials
-from .points import (
-    PREDICTOR,
-    PREDICTOR_PRESET,
-    PUBLISHED,
-    Point,
-    Row,
-    designed_points,
-    predictor_points,
-    published_points,
-    specification_for,
-)
+from .picture import draw_frontier
+from .points import PREDICTOR, Point, designed_points, predictor_points
 from .settings import STRUCTURES, FrontierSettings
-from .trials import NOT_TRIED, Trials, try_out, with_map
 
-ALL = (*STRUCTURES, PREDICTOR, PUBLISHED)
+ALL = (*STRUCTURES, PREDICTOR)
 WORKERS = 2
 
 
 def run_frontier(
     program: str, asked: FrontierSettings, vehicle: VehicleFile, folder: Path
 ) -> ExitStatus:
-    """Compute, write frontier.csv and both pictures, and print the table.
+    """Compute, write frontier.csv and frontier.png, and print the table.
 
     Ctrl-C ends it with what is done. Raises OSError where the folder cannot be written.
     """
@@ -51,14 +39,13 @@ def run_frontier(
         }
         searches.watch(futures)
     done = [futures[name] for name in ALL if not futures[name].cancelled()]
-    rows = [row for future in done for row in future.result()]
-    write_csv(rows, folder / "frontier.csv")
+    points = [point for future in done for point in future.result()]
+    write_csv(points, folder / "frontier.csv")
     with plot_style():
-        draw_frontier(asked, rows).savefig(folder / "frontier.png", bbox_inches="tight")
-        draw_trials(rows).savefig(folder / "frontier_trials.png")
-    for line in _table(asked, rows):
+        draw_frontier(asked, points).savefig(folder / "frontier.png", bbox_inches="tight")
+    for line in _table(asked, points):
         print(line)
-    print(f"-> {folder}: frontier.csv, frontier.png, frontier_trials.png")
+    print(f"-> {folder}: frontier.csv, frontier.png")
     return ExitStatus.INTERRUPTED if searches.is_stopped else ExitStatus.OK
 
 
@@ -70,36 +57,25 @@ def _effort(structure: str) -> int:
     return len(KEYS[law]) * len(q_kinds)
 
 
-def compute(asked: FrontierSettings, vehicle: VehicleFile, structure: str) -> list[Row]:
-    """Return a structure's rows, the shortest delay first."""
-    if structure == PUBLISHED:
-        return [Row(point, NOT_TRIED) for point in published_points(asked, vehicle)]
+def compute(asked: FrontierSettings, vehicle: VehicleFile, structure: str) -> list[Point]:
+    """Return a structure's points, the shortest delay first."""
     if structure == PREDICTOR:
-        settings = controller_preset(PREDICTOR_PRESET)
-        return [
-            Row(point, try_out(asked, vehicle, settings, point.delay_ms))
-            for point in predictor_points(asked, vehicle)
-        ][::-1]
-    report = report_from(ALL.index(structure))
-    law, takes_map, _ = STRUCTURES[structure]
-    rows = []
-    for point in designed_points(asked, vehicle, structure, lambda share: report(share, 0.0)):
-        spec = specification_for(asked, law, point.delay_ms, point.q_kind or "type_2")
-        settings = with_map(controller_settings(spec, vehicle, law, point.values), takes_map)
-        rows.append(Row(point, try_out(asked, vehicle, settings, point.delay_ms)))
-    return rows[::-1]
+        points = predictor_points(asked, vehicle)
+    else:
+        report = report_from(ALL.index(structure))
+        points = designed_points(asked, vehicle, structure, lambda share: report(share, 0.0))
+    return [*points][::-1]
 
 
-def write_csv(rows: Iterable[Row], file: Path) -> None:
+def write_csv(points: Iterable[Point], file: Path) -> None:
     """Write one line for each structure and delay; lengths in metres, parameters by name."""
     with open_text(file) as stream:
         writer = csv.writer(stream, lineterminator="\n")
         names = [name for name in Point._fields if name != "values"]
-        writer.writerow([*names, *Trials._fields, "values"])
-        for point, trials in rows:
+        writer.writerow([*names, "values"])
+        for point in points:
             values = " ".join(f"{key}={value:g}" for key, value in point.values.items())
-            figures = [getattr(point, name) for name in names]
-            writer.writerow([*map(_shown, (*figures, *trials)), values])
+            writer.writerow([*(_shown(getattr(point, name)) for name in names), values])
 
 
 def _shown(value: Any) -> str:
@@ -108,14 +84,10 @@ def _shown(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def _table(asked: FrontierSettings, rows: Sequence[Row]) -> Iterator[str]:
+def _table(asked: FrontierSettings, points: Sequence[Point]) -> Iterator[str]:
     """Yield RMS errors [mm], a structure a line; a dash where there is no design."""
     yield "RMS [mm] at a guaranteed delay of" + "".join(f"{ms:>9g}" for ms in asked.delays_ms)
-    by_place = {(point.structure, point.delay_ms): f"{1e3 * point.rms_m:.3g}" for point, _ in rows}
-    for name in ALL[:-1]:
+    by_place = {(point.structure, point.delay_ms): f"{1e3 * point.rms_m:.3g}" for point in points}
+    for name in ALL:
         figures = "".join(f"{by_place.get((name, ms), '-'):>9}" for ms in asked.delays_ms)
         yield f"  {name:31}{figures}"
-    for point, _ in rows:
-        if point.structure.startswith(PUBLISHED):
-            found = f"{1e3 * point.rms_m:.3g} mm at {point.delay_ms:.3g} ms"
-            yield f"  {point.structure:48}{found if point.delay_ms else 'drifts off'}"

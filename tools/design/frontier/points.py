@@ -1,49 +1,43 @@
-"""The points of the frontier: each structure at its best for a delay, and the paper's own laws.
+"""Points of the frontier: each structure at its best for a delay.
 
 A structure is designed for the longest delay first. That design meets the demands of a shorter one
 too, and the search for the shorter delay begins near it.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from ....controller.analysis.sampled_loop import SampledLoop
 from ....controller.analysis.stable_delays import delay_margin_ns, stable_delays
 from ....controller.filters.settings import QKind
 from ....controller.filters.transfer_function import TransferFunction
-from ....controller.laws.law_from_settings import LawDesign, design_law
+from ....controller.laws.feed_forward import FeedForwardSettings
+from ....controller.laws.law_from_settings import design_law
 from ....controller.settings import ControllerSettings, controller_preset
 from ....runtime.node import NS_PER_MS, NS_PER_S
 from ..demands import Study, judge_law, make_study
-from ..loop_figures import behind_lag, frequency_grid, loop_figures
+from ..loop_figures import behind_lag
 from ..search.evolution import Values
 from ..search.law_parameters import controller_settings
 from ..search.parameter_search import find
 from ..specification import DelayTable, DStabilityTable, Specification, controller_law
 from ..vehicle_file import VehicleFile
+from .runs import noisy_rms_m, worst_rms_m
 from .settings import STRUCTURES, FrontierSettings
-from .trials import LAG_S, Trials, worst_rms_m
 
 PREDICTOR = "predictor"
 """Not designed here: the shipped preset, at the noise that it was designed for. It reads heading
 error, speed and the echoes of its commands too."""
 PREDICTOR_PRESET = "practical_predictor"
-PUBLISHED = "published"
-"""The paper's own controllers, without demands on them."""
-FILTERED = "published gains, filter and washout"
-"""Those with what the paper does not have: a derivative filter, and a washout in the CDOB, without
-which that drifts off the path."""
-LAWS = {"PD": "paper_pd", "PD + DOB": "paper_pd_dob", "PD + CDOB": "paper_pd_cdob",
-        "PD + DDOB": "paper_pd_ddob"}  # fmt: skip
-_FILTER, _WASHOUT = "pd.derivative_filter_rad_s=30", "cdob.washout_rad_s=3"
-_POINTS = 1500
 _WITHOUT = frozenset({"settling", "PD settling", "PD damping", "PD bandwidth"})
 """Demands that are not made: they say what a loop is like at delays that it meets with ease."""
 _STEPS = 12
 """Delays that are tested up to the guaranteed one."""
 _STEP_MS_MIN = 5.0
 MARGIN_NS_MAX = 1_500_000_000
+LAG_S = 0.1
+"""Of the steering, which the design does not know."""
 
 
 class Point(NamedTuple):
@@ -52,8 +46,8 @@ class Point(NamedTuple):
     ``delay_ms``     guaranteed: all demands hold for each constant delay up to it
     ``rms_m``        of the preview point's error, worst of corners and delays, without noise
     ``margin_ms``    delay at which the worst corner becomes unstable
-    ``nominal_ms``   the same of the nominal vehicle
-    ``lagged_ms``    the same of the worst corner, behind the lag of the trials
+    ``lagged_ms``    the same, behind an unknown lag of the steering of 0.1 s
+    ``noisy_rms_m``  of a run of the nominal vehicle at the delay, with sensor noise
     ``values``       of the parameters, by their keys in the settings
     ``q_kind``       filter of the DOB; None without one
     """
@@ -64,18 +58,11 @@ class Point(NamedTuple):
     noise_gain_rad_m: float = math.nan
     peak_sensitivity: float = math.nan
     margin_ms: float = math.nan
-    nominal_ms: float = math.nan
     lagged_ms: float = math.nan
+    noisy_rms_m: float = math.nan
     judged: int = 0
     values: Values = {}  # noqa: RUF012  # never changed
     q_kind: QKind | None = None
-
-
-class Row(NamedTuple):
-    """A structure at a delay, and what its design does in runs."""
-
-    point: Point
-    trials: Trials
 
 
 def designed_points(
@@ -104,7 +91,7 @@ def designed_points(
                 return
             if found.feasible:
                 known[q_kind] = found.values
-                points.append(point_of(fine, structure, found.values, found.judged))
+                points.append(point_of(asked, fine, structure, found.values, found.judged))
         if points:
             yield min(points, key=lambda point: point.rms_m)
 
@@ -126,22 +113,34 @@ def study(
     )
 
 
-def point_of(fine: Study, structure: str, values: Values, judged: int = 1) -> Point:
+def point_of(
+    asked: FrontierSettings, fine: Study, structure: str, values: Values, judged: int = 1
+) -> Point:
     """Return the figures of a structure with these parameters, whether it meets them or not."""
-    law, spec = STRUCTURES[structure].law, fine.spec
-    settings = controller_settings(spec, fine.vehicle, law, values)
+    (law, takes_map, _), spec, vehicle = STRUCTURES[structure], fine.spec, fine.vehicle
+    settings = controller_settings(spec, vehicle, law, values)
     demands = {demand.name: demand.value for demand in judge_law(fine, law, values).demands}
+    lagged = [behind_lag(model, LAG_S) for model in vehicle.models]
     return Point(
         structure,
         spec.delay.ms_max,
         demands.get("RMS error", math.inf),
         demands.get("noise gain", math.inf),
         demands.get("peak sensitivity", math.inf),
-        *_margins_ms(fine.vehicle, settings),
+        _margin_ms(settings, vehicle.models),
+        _margin_ms(settings, lagged),
+        noisy_rms_m(asked, vehicle, with_map(settings, takes_map), spec.delay.ms_max),
         judged,
         values,
         spec.dob_q_kind if "dob" in values else None,
     )
+
+
+def with_map(settings: ControllerSettings, takes_map: bool) -> ControllerSettings:
+    """Return a design with the steer for the map's curvature, if it takes that."""
+    if not takes_map:
+        return settings
+    return settings.model_copy(update={"feed_forward": FeedForwardSettings()})
 
 
 def specification_for(
@@ -167,51 +166,16 @@ def predictor_points(asked: FrontierSettings, vehicle: VehicleFile) -> Iterator[
     """Yield the shipped predictor at each delay, the longest first."""
     settings = controller_preset(PREDICTOR_PRESET)
     for delay_ms in reversed(asked.delays_ms):
-        yield Point(PREDICTOR, delay_ms, worst_rms_m(asked, vehicle, settings, delay_ms))
+        worst_m, noisy_m = (
+            rms_m(asked, vehicle, settings, delay_ms) for rms_m in (worst_rms_m, noisy_rms_m)
+        )
+        yield Point(PREDICTOR, delay_ms, worst_m, noisy_rms_m=noisy_m)
 
 
-def published_points(asked: FrontierSettings, vehicle: VehicleFile) -> Iterator[Point]:
-    """Yield a point for each law of the paper, first as published; its structure names both.
-
-    ``delay_ms`` is the margin of the worst corner less the share that all others keep; 0, with an
-    infinite error, where the loop drifts off whatever the delay.
-    """
-    for what, added in ((PUBLISHED, ()), (FILTERED, (_FILTER, _WASHOUT))):
-        for name, preset in LAWS.items():
-            has_cdob = name.endswith(("CDOB", "DDOB"))
-            settings = controller_preset(preset, added if has_cdob else added[:1])
-            yield _published_point(asked, vehicle, f"{what}: {name}", settings)
-
-
-def _published_point(
-    asked: FrontierSettings, vehicle: VehicleFile, structure: str, settings: ControllerSettings
-) -> Point:
-    margins_ms = _margins_ms(vehicle, settings)
-    delay_ms = margins_ms[0] / (1.0 + asked.margin_share)
-    rms_m = noise_rad_m = peak = math.inf
-    if delay_ms:
-        rms_m = worst_rms_m(asked, vehicle, settings, delay_ms)
-        delays_ns = 0, round(delay_ms * NS_PER_MS)
-        grid = frequency_grid(vehicle.models, delays_ns, settings.period_ns, _POINTS)
-        figures = loop_figures(grid, design_law(settings))
-        noise_rad_m = float(figures.noise_gain_rad_m.max())
-        peak = float(figures.peak_sensitivity.max())
-    q_kind = None if settings.dob is None else settings.dob.q_kind
-    return Point(structure, delay_ms, rms_m, noise_rad_m, peak, *margins_ms, q_kind=q_kind)
-
-
-def _margins_ms(vehicle: VehicleFile, settings: ControllerSettings) -> tuple[float, float, float]:
-    """Return the delay margins of worst corner, nominal vehicle, and worst corner behind a lag."""
-    design, nominal = design_law(settings), VehicleFile(vehicle=vehicle.vehicle).models
-    lagged = [behind_lag(model, LAG_S) for model in vehicle.models]
-    worst, alone, behind = (
-        min(_margin_ms(design, model, settings.period_ns) for model in models)
-        for models in (vehicle.models, nominal, lagged)
+def _margin_ms(settings: ControllerSettings, models: Sequence[TransferFunction]) -> float:
+    """Return the shortest delay margin of these plants."""
+    loops = [SampledLoop(design_law(settings), model, settings.period_ns) for model in models]
+    margins_ns = (
+        delay_margin_ns(stable_delays(loop, MARGIN_NS_MAX), MARGIN_NS_MAX) for loop in loops
     )
-    return worst, alone, behind
-
-
-def _margin_ms(design: LawDesign, model: TransferFunction, period_ns: int) -> float:
-    intervals = stable_delays(SampledLoop(design, model, period_ns), MARGIN_NS_MAX)
-    margin_ns = delay_margin_ns(intervals, MARGIN_NS_MAX)
-    return (MARGIN_NS_MAX if margin_ns is None else margin_ns) / NS_PER_MS
+    return min(MARGIN_NS_MAX if ns is None else ns for ns in margins_ns) / NS_PER_MS

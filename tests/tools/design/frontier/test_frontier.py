@@ -7,27 +7,25 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.settings import QKind
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from steer_by_wire.tools.design.frontier import points, trials
+from steer_by_wire.tools.design.frontier import points
 from steer_by_wire.tools.design.frontier.frontier import compute, write_csv
 from steer_by_wire.tools.design.frontier.picture import draw_frontier
 from steer_by_wire.tools.design.frontier.points import (
     Point,
-    Row,
     designed_points,
     point_of,
-    published_points,
     specification_for,
     study,
+    with_map,
 )
+from steer_by_wire.tools.design.frontier.runs import worst_rms_m
 from steer_by_wire.tools.design.frontier.settings import STRUCTURES, FrontierSettings
-from steer_by_wire.tools.design.frontier.trials import NOT_TRIED, Trials, with_map, worst_rms_m
 from steer_by_wire.tools.design.search.evolution import SearchStoppedError, Values
 from steer_by_wire.tools.design.search.law_parameters import controller_settings
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
@@ -109,7 +107,7 @@ def whole() -> FrontierSettings:
 def point(structure: str) -> Point:
     """Of the page."""
     fine = study(whole(), vehicle(), structure, 250.0, True, Q_KIND)
-    return point_of(fine, structure, FOUND[structure])
+    return point_of(whole(), fine, structure, FOUND[structure])
 
 
 @pytest.mark.parametrize("structure", TRIED)
@@ -156,7 +154,7 @@ def test_the_page_states_the_error_of_a_design_at_the_second_level_of_noise(stru
     preset = read_preset("steer_by_wire.tools.design.frontier", "frontier")
     quieter = load_settings(FrontierSettings, preset, overrides=("noise_gain_rad_m_max=1",))
     fine = study(quieter, vehicle(), structure, 500.0, True, Q_KIND)
-    found = point_of(fine, structure, QUIET[structure])
+    found = point_of(quieter, fine, structure, QUIET[structure])
     page = (
         (ROOT / "docs/frontier.md").read_text(encoding="utf-8").split("noise_gain_rad_m_max=1")[1]
     )
@@ -172,7 +170,7 @@ def test_a_short_search_for_one_vehicle_finds_less_error_than_the_design_for_its
     alone = VehicleFile(vehicle=vehicle().vehicle)
     (found,) = designed_points(quick, alone, "PD", lambda _: None)
     fine = study(quick, alone, "PD", 250.0, True)
-    assert found.rms_m <= 0.8 * point_of(fine, "PD", FOUND["PD"]).rms_m
+    assert found.rms_m <= 0.8 * point_of(quick, fine, "PD", FOUND["PD"]).rms_m
 
 
 def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,7 +186,7 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
         values = {"k_p": fine.delay_ms + (fine.q_kind == "order_2")}
         return SimpleNamespace(ended=True, feasible=True, values=values, judged=1)
 
-    def point_of(fine: Any, structure: str, *_: object) -> Point:
+    def point_of(_asked: object, fine: Any, structure: str, *_: object) -> Point:
         is_better = (fine.q_kind == "order_2") == (fine.delay_ms == 250.0)
         rms_m = 1e-3 if is_better else 2e-3
         return Point(structure, fine.delay_ms, rms_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1, {}, fine.q_kind)
@@ -215,38 +213,26 @@ def test_a_stopped_frontier_keeps_the_delays_that_are_done() -> None:
     assert [found.delay_ms for found in designed_points(quick, alone, "PD", done)] == [250.0]
 
 
-def test_the_shipped_predictor_has_a_row_for_each_delay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trials, "SEEDS", range(1001, 1003))
-    rows = compute(asked("delays_ms=[160, 250]"), vehicle(), "predictor")
-    assert [row.point.delay_ms for row in rows] == [160.0, 250.0]
-    assert all(row.trials.jitter_lost == 0 for row in rows)
+def test_the_shipped_predictor_has_a_point_for_each_delay() -> None:
+    found = compute(asked("delays_ms=[160, 250]"), vehicle(), "predictor")
+    assert [each.delay_ms for each in found] == [160.0, 250.0]
+    assert all(each.rms_m < each.noisy_rms_m < 0.01 for each in found)
 
 
-def test_the_table_has_a_line_for_each_structure_and_delay(tmp_path: Path) -> None:
-    tried = Trials(1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 3)
-    write_csv([Row(point("PD + map"), tried)], tmp_path / "frontier.csv")
+def test_the_table_and_the_picture_have_each_structure_and_delay(tmp_path: Path) -> None:
+    lost = point("PD + map")._replace(delay_ms=500.0, rms_m=math.inf)
+    found = [point("PD + map"), lost]
+    write_csv(found, tmp_path / "frontier.csv")
     with (tmp_path / "frontier.csv").open() as file:
-        (line,) = csv.DictReader(file)
-    assert (line["structure"], line["delay_ms"], line["jitter_lost"]) == ("PD + map", "250", "3")
+        line, _ = csv.DictReader(file)
+    assert (line["structure"], line["delay_ms"]) == ("PD + map", "250")
     assert line["values"] == "k_p=1.48 k_d=0.054 derivative_filter=34"
+    figure = draw_frontier(whole(), found)
+    assert not alike_without_colour(figure)
+    drawn = [list(curve.get_xdata()) for curve in figure.axes[0].lines]
+    assert [each for each in drawn if each] == [[250.0], [500.0]]
 
 
 def test_delays_must_ascend() -> None:
     with pytest.raises(SettingsError, match="delays_ms must be above 0 and ascend"):
         asked("delays_ms=[250, 160]")
-
-
-def test_the_papers_own_laws_are_marks_that_no_line_joins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(points, "LAWS", {"PD": "paper_pd"})
-    monkeypatch.setattr(points, "MARGIN_NS_MAX", 60_000_000)
-    alone, quick = VehicleFile(vehicle=vehicle().vehicle), asked("course.duration_s=6")
-    published = list(published_points(quick, alone))
-    # 12.4 ms without the filter, 50 ms with it.
-    assert [1.3 * each.delay_ms for each in published] == pytest.approx([12.4, 50.0], abs=0.1)
-    lost = published[0]._replace(structure="published: PD + CDOB", delay_ms=0.0, rms_m=math.inf)
-    rows = [Row(each, NOT_TRIED) for each in (*published, lost)]
-    figure = draw_frontier(quick, rows)
-    assert not alike_without_colour(figure)
-    (axes,) = figure.axes
-    assert not any(np.size(line.get_xdata()) for line in axes.lines)
-    assert [np.shape(marks.get_offsets()) for marks in axes.collections] == [(1, 2), (1, 2)]
