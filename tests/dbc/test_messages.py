@@ -26,35 +26,38 @@ from steer_by_wire.dbc.messages import (
     EncodeError,
     Freshness,
     GroundTruth,
-    LatencyConfig,
     LatencyModel,
     LateralError,
     LawNumber,
     Message,
     Mode,
     ModelStatus,
-    PathAhead,
     PlantStatus,
     Rejection,
     SafetyState,
     SecondSender,
     ShownMassState,
-    SteeringCommand,
-    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
-    VehicleState,
     decode,
     encode,
     encode_not_available,
     frame_of,
     limits,
 )
-from tests.support.frames.made_messages import message_with
+from tests.support.frames.made_messages import (
+    command_of,
+    error_of,
+    latency_of,
+    message_with,
+    motion_of,
+    path_ahead_of,
+    plan_of,
+)
 
 DATABASE = load_database()
 NAMES = {message_type: name for name, message_type in MESSAGE_TYPES.items()}
-COMMAND = SteeringCommand(0.12345, 1234, Mode.ACTIVE)
+COMMAND = command_of(0.12345, 1234)
 
 
 def field_values(message_type: type[Message], field: str, kind: type) -> st.SearchStrategy[Any]:
@@ -88,15 +91,19 @@ GOLDEN: list[tuple[Message, str, str]] = [
     # 12345 = 0x3039; 1234 << 18 = 0x1348_0000; 1 << 34 = 0x4_0000_0000; sum 0x04_1348_3039
     (COMMAND, "100", "c1ae 07 3930481304"),
     # -50000 = 0x33CB0 in 18 bits; 65535 << 18 = 0x3_FFFC_0000; 3 << 34; sum 0x0F_FFFF_3CB0
-    (SteeringCommand(-0.5, 65535, Mode.SAFE_STOP), "100", "d457 07 b03cffff0f"),
+    (command_of(-0.5, 65535, Mode.SAFE_STOP), "100", "d457 07 b03cffff0f"),
     # 1234 = 0x04D2; 1 << 16; 200 << 19 = 0x640_0000; 5 << 27; 1000 << 31, -1000 << 49, 0 to 17 more
     (
-        SteeringPlan(1234, Mode.ACTIVE, 200, 5, 0.01, -0.01, *[0.0] * 16),
+        plan_of([0.01, -0.01, *[0.0] * 16], plan_number=1234, first_sample=200, spacing=5),
         "101",
         "fe02 07 d204412ef40130f807" + 36 * "00",
     ),
     # -2000 = 0x1FF_F830 in 25 bits; 100 << 25 = 0xC800_0000; sum 0x00_C9FF_F830
-    (LateralError(-0.01, 0.02), "110", "8e60 07 30f8ffc900"),
+    (
+        message_with(LateralError, lateral_error_m=-0.01, heading_error_rad=0.02),
+        "110",
+        "8e60 07 30f8ffc900",
+    ),
     # 10000 = 0x2710; 1200 << 18 = 0x12C0_0000; 1 << 34; sum 0x04_12C0_2710
     (
         message_with(
@@ -109,49 +116,96 @@ GOLDEN: list[tuple[Message, str, str]] = [
         "9169 07 1027c01204",
     ),
     # 278 = 0x116; 40 << 14 = 0xA_0000; -200 = 0x1F38 in 13 bits, << 27 = 0xF9_C000_0000
-    (VehicleState(1.39, 0.02, -0.01), "130", "50e2 07 16010ac0f9"),
+    (
+        motion_of(1.39, 0.02, -0.01),
+        "130",
+        "50e2 07 16010ac0f9",
+    ),
     # 77; 20 << 8, as 1 m is 20 spacings; 100 << 16; -100 = 0x1F9C << 29: 0x3F380_0000
-    (PathAhead(77, 1.0, 0.005, -0.005, *[0.0] * 24), "140", "fc7f 07 4d146480f303" + 39 * "00"),
+    (
+        path_ahead_of([0.005, -0.005, *[0.0] * 24], path_sample=77, path_spacing_m=1.0),
+        "140",
+        "fc7f 07 4d146480f303" + 39 * "00",
+    ),
     # 1 + (3 << 3) = 0x19; 10 << 8 = 0xA00; -20 = 0xFEC in 12 bits, << 20; 3 << 32
-    (ControllerStatus(Mode.ACTIVE, LawNumber.PD_DDOB, 0.01, -0.02, 3), "300", "fa51 07 190ac0fe03"),
+    (
+        message_with(
+            ControllerStatus,
+            mode=Mode.ACTIVE,
+            law=LawNumber.PD_DDOB,
+            disturbance_rad=0.01,
+            network_disturbance_rad=-0.02,
+            skipped_ticks=3,
+        ),
+        "300",
+        "fa51 07 190ac0fe03",
+    ),
     # 5; 3 << 12 = 0x3000; 1 << 24; 2 << 26; 0; 1 << 30; 2 << 33 = 0x4_0000_0000
     (
-        ControllerSafety(
-            5,
-            3,
-            Freshness.FRESH,
-            Freshness.STALE,
-            Freshness.NEVER_SEEN,
-            ControllerFault.OVERRUNS,
-            SecondSender.PEER,
+        message_with(
+            ControllerSafety,
+            rejected=5,
+            lost=3,
+            lateral_error_freshness=Freshness.FRESH,
+            steering_status_freshness=Freshness.STALE,
+            fault=ControllerFault.OVERRUNS,
+            second_sender=SecondSender.PEER,
         ),
         "304",
         "7447 07 0530004904",
     ),
     # 160 = 0xA0; 164 << 12 = 0xA_4000; 1 << 24; 2 << 26; 97 << 28 = 0x6_1000_0000
     (
-        DelayStatus(0.08, EchoState.KNOWN),
+        message_with(DelayStatus, echo_delay_s=0.08, echo_state=EchoState.KNOWN),
         "308",
         "a2a6 07 a000000100",
     ),
     # 200 = 0xC8; 200 << 12 = 0xC_8000; 254 << 25 = 0x1_FC00_0000; 1 << 38
-    (ModelStatus(0.1, 2000.0, 2540.0, ShownMassState.KNOWN), "30C", "8c99 07 c8800cfc41"),
+    (
+        message_with(
+            ModelStatus,
+            steering_lag_s=0.1,
+            virtual_mass_kg=2000.0,
+            shown_mass_kg=2540.0,
+            shown_mass_state=ShownMassState.KNOWN,
+        ),
+        "30C",
+        "8c99 07 c8800cfc41",
+    ),
     # 160 = 0xA0; 160 << 12 = 0xA_0000; 1 << 24; 2 << 30; 2 << 35; 1 << 38: 0x50_8100_0000
     (
-        PlantStatus(0.08, 0.08, 1, 2, SafetyState.HOLDING, SecondSender.OWN),
+        message_with(
+            PlantStatus,
+            downlink_latency_s=0.08,
+            uplink_latency_s=0.08,
+            lost=1,
+            rejected=2,
+            safety=SafetyState.HOLDING,
+            second_sender=SecondSender.OWN,
+        ),
         "310",
         "20e9 07 a0000a8150",
     ),
     # -2000 = 0x1FF_F830 in 25 bits, as in LATERAL_ERROR
-    (GroundTruth(-0.01), "314", "6fba 07 30f8ff0100"),
+    (message_with(GroundTruth, cg_deviation_m=-0.01), "314", "6fba 07 30f8ff0100"),
     # 3 + (2 << 4) = 0x23; 800 = 0x0320; 300 = 0x012C; 100 = 0x0064; no CRC, no counter
     (
-        LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01),
+        latency_of(Direction.BOTH, 0.08, 0.03, 0.01, model=LatencyModel.NORMAL),
         "320",
         "23 2003 2c01 6400",
     ),
     # -1500 = 0xFA24, 250 = 0x00FA, 200 = 0x00C8, 70 = 0x46; no CRC, no counter
-    (DisturbanceConfig(-1500.0, 250.0, 0.02, 0.7), "324", "24fa fa00 c800 46"),
+    (
+        message_with(
+            DisturbanceConfig,
+            side_force_n=-1500.0,
+            yaw_moment_n_m=250.0,
+            steering_offset_rad=0.02,
+            friction_loss=0.7,
+        ),
+        "324",
+        "24fa fa00 c800 46",
+    ),
 ]
 
 
@@ -244,7 +298,7 @@ def test_encode_refuses_what_a_signal_cannot_carry_and_names_it() -> None:
 
 def test_an_encode_error_says_what_is_allowed() -> None:
     with pytest.raises(EncodeError) as caught:
-        encode(SteeringCommand(2.0, 0, Mode.ACTIVE), 0)
+        encode(command_of(2.0), 0)
     expected = "STEERING_COMMAND.STEER: allowed is -1.31071 to 1.31071 rad, not 2.0"
     assert str(caught.value) == expected
 
@@ -257,8 +311,8 @@ def test_a_counter_beyond_eight_bits_is_refused(counter: int) -> None:
 
 @pytest.mark.parametrize(("raw", "sixteenths"), [(3, 47), (3, 48), (3, 49), (-3, -47), (-3, -49)])
 def test_values_are_rounded_to_the_nearest_raw(raw: int, sixteenths: int) -> None:
-    decoded = decode(encode(LateralError(sixteenths / 16 * 5e-6, 0.0), 0))
-    assert decoded == Decoded(LateralError(raw * 5e-6, 0.0), 0)
+    decoded = decode(encode(error_of(sixteenths / 16 * 5e-6), 0))
+    assert decoded == Decoded(error_of(raw * 5e-6), 0)
 
 
 def test_the_ends_of_every_range_can_be_sent() -> None:
@@ -275,7 +329,7 @@ def test_not_available_is_the_lowest_raw_and_leaves_the_other_fields_alone() -> 
     command = encode_not_available(COMMAND, 7)
     # -131072 = 0x20000 in 18 bits; the rest as in the first golden frame: 0x04_134A_0000
     assert command.data[3:].hex() == "00004a1304"
-    error = encode_not_available(LateralError(0.0, 0.0), 7)
+    error = encode_not_available(error_of(), 7)
     # 0x100_0000 in 25 bits; 0x4000 in 15 bits, << 25
     assert error.data[3:].hex() == "0000000180"
     assert decode(command) is decode(error) is Rejection.NOT_AVAILABLE
@@ -283,4 +337,4 @@ def test_not_available_is_the_lowest_raw_and_leaves_the_other_fields_alone() -> 
 
 def test_a_message_that_is_always_available_cannot_say_otherwise() -> None:
     with pytest.raises(EncodeError, match="VEHICLE_STATE: none of its signals"):
-        encode_not_available(VehicleState(1.0, 0.0, 0.0), 0)
+        encode_not_available(motion_of(1.0), 0)

@@ -7,10 +7,8 @@ from steer_by_wire.dbc.codec.sender_watch import ECHO_TICKS
 from steer_by_wire.dbc.messages import (
     Direction,
     LatencyConfig,
-    LatencyModel,
     LateralError,
     Message,
-    Mode,
     SecondSender,
     SteeringCommand,
     SteeringPlan,
@@ -20,13 +18,20 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.reception import NOTICE_NS, Reception
 from steer_by_wire.plant_emulator.steering.plan_buffer import PLAN_VALUES
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from tests.support.frames.made_messages import (
+    command_of,
+    error_of,
+    latency_of,
+    motion_of,
+    plan_of,
+)
 
 MS = 1_000_000
 RULE = CounterRule(lead_ns=30 * MS, resync_run=3, resync_ns=100 * MS)
-ERROR_OF = LateralError(0.25, 0.0)
+ERROR_OF = error_of(0.25)
 TRUE = encode(ERROR_OF, 0)
-CONFIG = LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.01, 0.0, 0.0)
-PLAN = SteeringPlan(7, Mode.ACTIVE, 1, 1, *(0.1 for _ in range(PLAN_VALUES)))
+CONFIG = latency_of(Direction.BOTH, 0.01)
+PLAN = plan_of((0.1 for _ in range(PLAN_VALUES)), plan_number=7, first_sample=1)
 
 
 def receiver() -> Reception:
@@ -34,7 +39,7 @@ def receiver() -> Reception:
 
 
 def command(number: int, steer_rad: float = 0.1) -> Frame:
-    return encode(SteeringCommand(steer_rad, number, Mode.ACTIVE), number % 256)
+    return encode(command_of(steer_rad, number), number % 256)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +52,13 @@ def command(number: int, steer_rad: float = 0.1) -> Frame:
         (TRUE._replace(flags=FD), "wrong_format"),
         (TRUE._replace(flags=FD | BITRATE_SWITCH, data=bytes(20)), "no_key"),
         (TRUE._replace(data=bytes([TRUE.data[0] ^ 1]) + TRUE.data[1:]), "bad_crc"),
-        (encode(VehicleState(1.4, 0.1, 0.02), 0)._replace(can_id=TRUE.can_id), "masqueraded"),
+        (
+            encode(
+                motion_of(1.4, 0.1, 0.02),
+                0,
+            )._replace(can_id=TRUE.can_id),
+            "masqueraded",
+        ),
         (command(0), "own_identifier"),
         (TRUE, "repeated"),
         (encode(ERROR_OF, 255), "out_of_order"),
@@ -101,7 +112,7 @@ def test_a_second_sender_is_reported_for_a_second() -> None:
     for number in range(100):
         for now_ns, counter, value in ((10, number, 0.1), (14, number + 20, 0.2)):
             now_ns = 10 * number * MS + now_ns * MS
-            tested.take(encode(LateralError(value, 0.0), counter % 256), now_ns)
+            tested.take(encode(error_of(value), counter % 256), now_ns)
             noticed_ns = now_ns
     assert tested.second_senders == ["LATERAL_ERROR"]
     assert tested.second_sender(noticed_ns + NOTICE_NS - 20 * MS) is SecondSender.PEER

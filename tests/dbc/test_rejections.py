@@ -13,10 +13,8 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     DATA_IDS,
     Decoded,
-    Mode,
     PathAhead,
     Rejection,
-    SteeringCommand,
     SteeringPlan,
     decode,
     encode,
@@ -24,11 +22,12 @@ from steer_by_wire.dbc.messages import (
     frame_of,
 )
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from tests.support.frames.made_messages import command_of
 
 MESSAGES = load_database().messages
 LENGTH_MAX = max(message.length for message in MESSAGES)
 PROTECTED = [message for message in MESSAGES if message.senders != ["TOOL"]]
-COMMAND = SteeringCommand(0.12345, 1234, Mode.ACTIVE)
+COMMAND = command_of(0.12345, 1234)
 PAYLOAD = encode(COMMAND, 0).data
 NOT_INTACT = {Rejection.BAD_CRC, Rejection.MASQUERADED}
 

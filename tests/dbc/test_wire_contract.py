@@ -20,12 +20,10 @@ from steer_by_wire.dbc.messages import (
     Decoded,
     Direction,
     DisturbanceConfig,
-    LatencyConfig,
     LatencyModel,
     LateralError,
     LawNumber,
     Message,
-    Mode,
     SteeringCommand,
     decode,
     encode,
@@ -34,6 +32,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
+from tests.support.frames.made_messages import command_of, latency_of, message_with
 
 DATABASE = load_database()
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "wire_contract.md").read_text(encoding="utf-8")
@@ -243,16 +242,16 @@ def test_the_documented_cansend_line_is_the_frame_it_says() -> None:
     lines = re.findall(r"^cansend \S+ (\w{3})#(\w+) +# (.*)$", DOCUMENT, re.MULTILINE)
     found = {text: Frame(int(can_id, 16), bytes.fromhex(data)) for can_id, data, text in lines}
     expected: dict[str, Message] = {
-        "80 ms, standard deviation 30 ms, loss 1 %, normal, both directions": LatencyConfig(
-            Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01
+        "80 ms, standard deviation 30 ms, loss 1 %, normal, both directions": latency_of(
+            Direction.BOTH, 0.08, 0.03, 0.01, model=LatencyModel.NORMAL
         ),
-        "constant 250 ms for commands only": LatencyConfig(
-            Direction.DOWNLINK, LatencyModel.CONSTANT, 0.25, 0.0, 0.0
+        "constant 250 ms for commands only": latency_of(Direction.DOWNLINK, 0.25),
+        "no latency, no loss": latency_of(Direction.BOTH),
+        "side force of 1500 N to the left": message_with(DisturbanceConfig, side_force_n=1500.0),
+        "steering offset of 0.02 rad on ice": message_with(
+            DisturbanceConfig, steering_offset_rad=0.02, friction_loss=0.7
         ),
-        "no latency, no loss": LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.0, 0.0, 0.0),
-        "side force of 1500 N to the left": DisturbanceConfig(1500.0, 0.0, 0.0, 0.0),
-        "steering offset of 0.02 rad on ice": DisturbanceConfig(0.0, 0.0, 0.02, 0.7),
-        "no disturbance": DisturbanceConfig(0.0, 0.0, 0.0, 0.0),
+        "no disturbance": message_with(DisturbanceConfig),
     }
     assert found == {text: encode(message, 0) for text, message in expected.items()}
     for name in ("LATENCY_CONFIG", "DISTURBANCE_CONFIG"):
@@ -268,8 +267,8 @@ def test_the_documented_frames_of_a_controller_hold_what_they_say() -> None:
     lines = re.findall(r"^(1\d\d)#(\w+) ", DOCUMENT, re.MULTILINE)
     frames = [Frame(int(can_id, 16), bytes.fromhex(data)) for can_id, data in lines]
     assert frames == [
-        encode(LateralError(0.05, -0.01), 7),
-        encode(SteeringCommand(-0.075, 0, Mode.ACTIVE), 0),
+        encode(message_with(LateralError, lateral_error_m=0.05, heading_error_rad=-0.01), 7),
+        encode(command_of(-0.075), 0),
     ]
 
 

@@ -18,9 +18,6 @@ import can
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.dbc.messages import (
-    LateralError,
-    Mode,
-    SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
     encode,
@@ -28,7 +25,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.tools.analyze.report import report_html
 from tests.fuzz.traffic import Choices, Sender
-from tests.support.frames.made_messages import message_with
+from tests.support.frames.made_messages import command_of, error_of, message_with
 
 SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".db", ".log.gz", ".asc.gz", ".blf.gz")
 _STAMPS = (
@@ -138,8 +135,8 @@ def faultless_log(suffix: str) -> bytes:
 def _messages() -> Iterator[can.Message]:
     for number in range(_LOGGED // 3):
         for frame in (
-            encode(LateralError(0.01 * number, 0.0), number),
-            encode(SteeringCommand(-0.01 * number, number, Mode.ACTIVE), number),
+            encode(error_of(0.01 * number), number),
+            encode(command_of(-0.01 * number, number), number),
             encode(
                 message_with(
                     SteeringStatus,

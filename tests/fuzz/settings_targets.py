@@ -16,7 +16,7 @@ from steer_by_wire.closed_loop.studies.study_file import StudySettings
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.dbc.messages import LateralError, Message, Mode, SteeringCommand, encode
+from steer_by_wire.dbc.messages import Message, encode
 from steer_by_wire.plant_emulator.network.latency_over_time import read_trace
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.path.waypoints import waypoint_path
@@ -34,6 +34,7 @@ from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.fuzz.node_targets import Outgoing, outgoing_of_controller, outgoing_of_plant
 from tests.fuzz.traffic import Choices
+from tests.support.frames.made_messages import command_of, error_of
 
 ENTRIES_MAX = 6
 """Settings that one input changes."""
@@ -199,13 +200,13 @@ def _table(choices: Choices, header: str) -> bytes:
 
 
 def _run_controller(settings: ControllerSettings) -> None:
-    errors = [LateralError(error_m, 0.0) for error_m in (0.0, 1e-3, 80.0, -80.0, 0.5)]
+    errors = [error_of(error_m) for error_m in (0.0, 1e-3, 80.0, -80.0, 0.5)]
     _run(ControllerNode(settings, 0), errors, outgoing_of_controller(settings))
 
 
 def _run_plant(settings: PlantSettings) -> None:
     steers_rad = (0.0, 0.01, 1.3, -1.3, 0.0)
-    commands = [SteeringCommand(rad, place, Mode.ACTIVE) for place, rad in enumerate(steers_rad)]
+    commands = [command_of(rad, place) for place, rad in enumerate(steers_rad)]
     _run(PlantNode(settings, 0), commands, outgoing_of_plant())
 
 

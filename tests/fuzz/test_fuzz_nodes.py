@@ -7,13 +7,14 @@ from typing import Any
 import pytest
 
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.dbc.messages import Direction, LatencyConfig, LatencyModel, encode
+from steer_by_wire.dbc.messages import Direction, encode
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
 from tests.fuzz.node_targets import controller_settings, plant_settings
 from tests.fuzz.traffic import Choices, Sender
+from tests.support.frames.made_messages import latency_of
 
 PERIOD_NS = 10 * NS_PER_MS
 OUR_MODULES = "steer_by_wire."
@@ -83,7 +84,7 @@ def send_garbage(node: ReportingNode, seed: int, frames: int, start_ns: int) -> 
 
 def drain(node: ReportingNode, now_ns: int) -> int:
     """Let what waits in a plant's latency lines leave; returns the time at the end [ns]."""
-    none = LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.0, 0.0, 0.0)
+    none = latency_of(Direction.BOTH)
     node.on_frame(encode(none, 0), now_ns)
     for _ in range(20):
         now_ns += NS_PER_S

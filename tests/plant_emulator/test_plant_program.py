@@ -19,8 +19,6 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
     LateralError,
-    Mode,
-    SteeringCommand,
     SteeringStatus,
     decode,
     encode,
@@ -29,6 +27,7 @@ from steer_by_wire.plant_emulator.evaluation.run_record import PlacedSample, Pla
 from steer_by_wire.plant_emulator.program import main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
+from tests.support.frames.made_messages import command_of
 from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 Capture = pytest.CaptureFixture[str]
@@ -77,7 +76,7 @@ def drive_until(client: can.BusABC, samples: int) -> list[Frame]:
         assert message is not None, "the plant has fallen silent"
         received.append(Frame(message.arbitration_id, bytes(message.data)))
         if message.arbitration_id == CAN_IDS[LateralError]:
-            command = encode(SteeringCommand(0.05, counter, Mode.ACTIVE), counter % 256)
+            command = encode(command_of(0.05, counter), counter % 256)
             client.send(
                 can.Message(arbitration_id=command.can_id, data=command.data, is_extended_id=False)
             )

@@ -12,12 +12,13 @@ from matplotlib.figure import Figure
 from steer_by_wire.closed_loop.recordings.bus_listener import ReceivedMessage
 from steer_by_wire.closed_loop.recordings.foxglove_topics import FoxgloveTopics
 from steer_by_wire.closed_loop.reports.plot_style import png_of
-from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
+from steer_by_wire.dbc.messages import LateralError, Mode, encode
 from steer_by_wire.runtime.command_line import installation
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze import pictures
 from steer_by_wire.tools.analyze.__main__ import main
+from tests.support.frames.made_messages import command_of, message_with
 from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import Run, write_log, written
 from tests.support.runs.logged_run import constant as constant
@@ -39,12 +40,18 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 @pytest.mark.usefixtures("unrendered")
 def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
-    command = SteeringCommand(0.12345, 7, Mode.ACTIVE)
+    command = command_of(0.12345, 7)
     path = write_log(
         tmp_path / "run.log",
         [
             LogEntry(5_000_000, "c", encode(command, 0)),
-            LogEntry(7_500_000, "c", encode(LateralError(-0.25, 0.002), 0)),
+            LogEntry(
+                7_500_000,
+                "c",
+                encode(
+                    message_with(LateralError, lateral_error_m=-0.25, heading_error_rad=0.002), 0
+                ),
+            ),
             LogEntry(9_000_000, "c", encode(command._replace(steer_rad=0.2), 1)),
         ],
     )
@@ -92,7 +99,7 @@ def test_a_full_disk_ends_a_file_for_foxglove_with_its_name() -> None:
     topics = FoxgloveTopics()
     topics.write_to(Path("/dev/full"))
     for counter in range(20_000):
-        command = SteeringCommand(1e-5 * counter, counter, Mode.ACTIVE)
+        command = command_of(1e-5 * counter, counter)
         topics.send(ReceivedMessage("STEERING_COMMAND", command, 0, False, 0), counter)
     with pytest.raises(OSError, match="/dev/full"):
         topics.close()

@@ -11,16 +11,17 @@ from steer_by_wire.closed_loop.recordings.bus_listener import BusListener, comma
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.closed_loop.recordings.log_analysis import AnalysedLog, analyse_files
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.messages import Mode, SteeringCommand, SteeringPlan, encode
+from steer_by_wire.dbc.messages import SteeringCommand, SteeringPlan, encode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.cockpit.signals import NAMES
 from steer_by_wire.tools.monitor.screen import one_line
+from tests.support.frames.made_messages import command_of, plan_of
 from tests.support.frames.recorded_frames import entries_in
 
 DELAY_S, PERIOD_S = 0.08, 0.01
-PLAN = SteeringPlan(300, Mode.ACTIVE, 250, 4, *[0.01 * index for index in range(18)])
+PLAN = plan_of([0.01 * index for index in range(18)], plan_number=300, first_sample=250, spacing=4)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def test_a_plan_commands_its_value_at_a_sample_and_the_last_one_after_it(
     sample: int, steer_rad: float
 ) -> None:
     command = command_at(PLAN, sample)
-    assert command == pytest.approx(SteeringCommand(steer_rad, 300, Mode.ACTIVE))
+    assert command == pytest.approx(command_of(steer_rad, 300))
 
 
 def test_the_analysis_counts_plans_as_commands(analysed: AnalysedLog) -> None:
@@ -102,7 +103,7 @@ def test_plans_and_commands_are_one_sequence_to_the_listener() -> None:
     listener = BusListener()
     kinds = [*[SteeringPlan] * 40, *[SteeringCommand] * 150, *[SteeringPlan] * 40]
     for number, kind in enumerate(kinds):
-        message = PLAN if kind is SteeringPlan else SteeringCommand(0.0, number, Mode.ACTIVE)
+        message = PLAN if kind is SteeringPlan else command_of(0.0, number)
         if number not in (20, 100, 101):
             taken = listener.on_frame(encode(message, number % 256), number)
             assert [one.is_late for one in taken.messages] == [False]

@@ -14,8 +14,9 @@ from steer_by_wire.closed_loop.rig.reaction_to_fault import Detection, first_rea
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.contract.enumerations import Mode
-from steer_by_wire.dbc.messages import Decoded, LateralError, Rejection, SteeringCommand
+from steer_by_wire.dbc.messages import Decoded, Rejection
 from steer_by_wire.runtime.settings import SettingsError
+from tests.support.frames.made_messages import command_of, error_of
 
 FOREIGN = Path(__file__).parents[3] / "examples" / "foreign_controller.py"
 DBC = Path(__file__).parents[3] / "dbc" / "steer_by_wire.dbc"
@@ -187,11 +188,11 @@ def test_a_wrong_setting_is_refused(tmp_path: Path) -> None:
 
 
 def command(mode: Mode, counter: int = 0) -> Decoded:
-    return Decoded(SteeringCommand(0.0, counter, mode), counter)
+    return Decoded(command_of(0.0, counter, mode), counter)
 
 
 def measured(counter: int) -> Decoded:
-    return Decoded(LateralError(0.0, 0.0), counter)
+    return Decoded(error_of(), counter)
 
 
 ACTIVE, HOLDING = command(Mode.ACTIVE), command(Mode.HOLDING)

@@ -21,7 +21,6 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     ControllerSafety,
-    LateralError,
     Message,
     Mode,
     MotionRequest,
@@ -29,14 +28,13 @@ from steer_by_wire.dbc.messages import (
     SteeringStatus,
     SteeringStatusCode,
     Validity,
-    VehicleState,
 )
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import CircleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from tests.support.frames.made_messages import message_with
+from tests.support.frames.made_messages import error_of, message_with, motion_of
 from tests.support.nodes.controller_link import Link
 from tests.support.runs.unguarded import UNGUARDED
 from tests.support.suite.no_jitter import no_jitter as no_jitter
@@ -94,9 +92,9 @@ def drive(
     """Let each period begin with fresh messages; returns the newest CONTROLLER_SAFETY."""
     link.now_ns = link.node.deadline_ns
     messages: tuple[Message, ...] = (
-        LateralError(0.01, 0.0),
+        error_of(0.01),
         message_with(SteeringStatus, status=status),
-        VehicleState(speed_m_s, 0.0, 0.0),
+        motion_of(speed_m_s),
     )
     for _ in range(periods):
         for message in messages:

@@ -18,10 +18,8 @@ from steer_by_wire.dbc.messages import (
     ControllerStatus,
     DelayStatus,
     LateralError,
-    LawNumber,
     Mode,
     ModelStatus,
-    ShownMassState,
     SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
@@ -29,7 +27,7 @@ from steer_by_wire.dbc.messages import (
     encode_not_available,
 )
 from steer_by_wire.runtime.frame import Frame
-from tests.support.frames.made_messages import message_with
+from tests.support.frames.made_messages import command_of, error_of, message_with
 from tests.support.loops.own_vehicle import VEHICLE
 from tests.support.nodes.controller_link import (
     MS_NS,
@@ -48,9 +46,9 @@ def link(**tables: Any) -> Link:
 def test_nothing_is_commanded_before_a_valid_measurement() -> None:
     plant = link()
     plant.drive(50, None)
-    damaged = encode(LateralError(0.1, 0.0), 0)
+    damaged = encode(error_of(0.1), 0)
     plant.node.on_frame(damaged._replace(data=bytes(8)), plant.now_ns)
-    plant.node.on_frame(encode_not_available(LateralError(0.0, 0.0), 0), plant.now_ns)
+    plant.node.on_frame(encode_not_available(error_of(), 0), plant.now_ns)
     plant.drive(1, None)
     assert plant.commands == []
     assert {type(message) for _, message, _ in plant.sent} == {
@@ -86,7 +84,7 @@ def test_the_status_reports_mode_law_and_counts_ten_times_a_second() -> None:
         START_NS + index * STATUS_PERIOD_NS for index in range(10)
     ]
     assert [counter for _, _, counter in statuses] == list(range(10))
-    assert statuses[-1][1] == ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0, 0)
+    assert statuses[-1][1] == message_with(ControllerStatus, mode=Mode.ACTIVE)
 
 
 def test_a_law_with_a_model_says_once_a_second_what_it_takes_its_vehicle_for() -> None:
@@ -94,7 +92,7 @@ def test_a_law_with_a_model_says_once_a_second_what_it_takes_its_vehicle_for() -
     plant = Link(ControllerNode(asked, START_NS))
     plant.drive(201, 0.01)
     models = [entry for entry in plant.sent if isinstance(entry[1], ModelStatus)]
-    as_set = ModelStatus(0.05, 2000.0, 0.0, ShownMassState.UNKNOWN)
+    as_set = message_with(ModelStatus, steering_lag_s=0.05, virtual_mass_kg=2000.0)
     seconds = range(0, 3000, 1000)
     assert models == [(START_NS + ms * MS_NS, as_set, ms // 1000) for ms in seconds]
     assert plant.node.report()["believed"] == {"steering_lag_s": 0.05, "virtual_mass_kg": 2000.0}
@@ -111,7 +109,7 @@ def test_a_late_tick_keeps_phase_and_counts_what_it_skipped() -> None:
     plant = link()
     plant.drive(3, 0.01)
     plant.now_ns += 4 * PERIOD_NS + 3 * MS_NS
-    plant.deliver(LateralError(0.01, 0.0))
+    plant.deliver(error_of(0.01))
     plant.keep(plant.node.on_tick(plant.now_ns))
     assert plant.node.deadline_ns == START_NS + 8 * PERIOD_NS
     assert plant.node.report()["skipped_ticks"] == 4
@@ -155,7 +153,7 @@ def test_frames_refused_for_their_counter_alone_leave_the_run_of_good_ones(ahead
     for _ in range(3):
         plant.drive(1, 0.1)
         counter = (plant.counters[LateralError] - 1 + ahead) % 256
-        plant.node.on_frame(encode(LateralError(0.1, 0.0), counter), plant.now_ns)
+        plant.node.on_frame(encode(error_of(0.1), counter), plant.now_ns)
     assert sum(plant.node.report()["rejected"].values()) == 3
     assert [command.mode for command in plant.commands[-3:]] == [
         Mode.SAFE_STOP,
@@ -250,7 +248,7 @@ def test_a_law_that_fails_is_counted_held_and_started_anew(
 ) -> None:
     plant = law_that_steers(monkeypatch, 0.1, 0.1, bad)
     plant.drive(3, 0.2)
-    assert plant.commands[-1] == SteeringCommand(0.1, 2, Mode.HOLDING)
+    assert plant.commands[-1] == command_of(0.1, 2, Mode.HOLDING)
     plant.drive(20, 0.2)
     assert [command.mode for command in plant.commands[3:6]] == [
         Mode.HOLDING,
@@ -323,7 +321,7 @@ def test_the_report_books_time_by_mode_and_the_age_of_samples() -> None:
     plant.drive(10, None)
     for _ in range(10):
         plant.tick_until(plant.now_ns + 6 * MS_NS)
-        plant.deliver(LateralError(0.01, 0.0))
+        plant.deliver(error_of(0.01))
         plant.tick_until(plant.now_ns + 4 * MS_NS)
     plant.drive(30, None)
     report = plant.node.report()

@@ -15,14 +15,12 @@ from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,
     Freshness,
-    LateralError,
     Message,
     SteeringStatus,
     SteeringStatusCode,
-    VehicleState,
     encode,
 )
-from tests.support.frames.made_messages import message_with
+from tests.support.frames.made_messages import error_of, message_with, motion_of
 from tests.support.nodes.controller_link import Link, controller_settings
 
 MS_NS = 1_000_000
@@ -32,9 +30,9 @@ ON_WIRE_NS = 5 * MS_NS
 """Of the FTTI, for the wire and a late tick."""
 NEVER_SEEN, FRESH, STALE = Freshness.NEVER_SEEN, Freshness.FRESH, Freshness.STALE
 ALL: tuple[Message, ...] = (
-    LateralError(0.01, 0.0),
+    error_of(0.01),
     message_with(SteeringStatus, status=SteeringStatusCode.NO_COMMAND),
-    VehicleState(1.4, 0.0, 0.0),
+    motion_of(1.4),
 )
 
 
@@ -60,7 +58,7 @@ def pass_by(link: Link, periods: int, messages: Sequence[Message] = ALL) -> None
 
 
 def refuse(link: Link) -> None:
-    frame = encode(VehicleState(1.4, 0.0, 0.0), 0)
+    frame = encode(motion_of(1.4), 0)
     link.node.on_frame(frame._replace(data=bytes(8)), link.now_ns)
 
 
@@ -75,7 +73,12 @@ def freshness(message: ControllerSafety) -> tuple[Freshness, ...]:
 def test_without_anything_to_say_it_is_reported_ten_times_a_second() -> None:
     link = link_of_defaults()
     link.tick_until(1000 * MS_NS)
-    expected = ControllerSafety(0, 0, NEVER_SEEN, NEVER_SEEN, NEVER_SEEN, ControllerFault.NONE)
+    expected = message_with(
+        ControllerSafety,
+        lateral_error_freshness=NEVER_SEEN,
+        steering_status_freshness=NEVER_SEEN,
+        vehicle_state_freshness=NEVER_SEEN,
+    )
     assert reported(link) == [(100 * MS_NS * number, expected) for number in range(10)]
 
 

@@ -2,8 +2,9 @@
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.view import plant_text
-from steer_by_wire.dbc.messages import Freshness, LateralError, Mode, SteeringCommand, encode
+from steer_by_wire.dbc.messages import Freshness, encode
 from steer_by_wire.runtime.frame import Frame
+from tests.support.frames.made_messages import command_of, error_of
 from tests.support.nodes.controller_link import PERIOD_NS, START_NS, Link, controller_settings
 
 
@@ -71,7 +72,7 @@ def test_what_happens_without_the_plant_is_said() -> None:
 def test_refused_frames_are_shown_by_cause() -> None:
     tested = link()
     tested.drive(3, 0.1)
-    can_id, data, flags = encode(LateralError(0.0, 0.0), 3)
+    can_id, data, flags = encode(error_of(), 3)
     for bad in (bytes([data[0] ^ 1, *data[1:]]), data[:-1], data[:-1]):
         tested.node.on_frame(Frame(can_id, bad, flags), tested.now_ns)
     counts = tested.node.view(tested.now_ns).counts
@@ -90,7 +91,7 @@ def test_a_second_sender_is_shown_by_the_message_it_sends() -> None:
     tested = link()
     tested.drive(3, 0.1)
     assert not tested.node.view(tested.now_ns).states["second sender"]
-    own = encode(SteeringCommand(0.1, 7, Mode.ACTIVE), 7)
+    own = encode(command_of(0.1, 7), 7)
     tested.node.on_frame(own, tested.now_ns)
     shown = tested.node.view(tested.now_ns).states["second sender"]
     assert shown.startswith("second sender of STEERING_COMMAND: ")

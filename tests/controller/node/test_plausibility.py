@@ -10,7 +10,7 @@ from steer_by_wire import Run, simulate
 from steer_by_wire.controller.node.plausibility import BOUNDS, DEBOUNCE_S, Plausibility, mean_motion
 from steer_by_wire.controller.node.report_in_words import controller_summary
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.messages import VehicleState
+from tests.support.frames.made_messages import motion_of
 
 SPEED_M_S = 2.0
 STEP_S = 0.1
@@ -33,7 +33,7 @@ def contradiction_after(turned_s: float, curvature_factor: float) -> str:
     curvature_1_m = 0.1
     for _ in range(round(turned_s / STEP_S) + 1):
         told_1_m = curvature_factor * curvature_1_m
-        state = VehicleState(SPEED_M_S, SPEED_M_S * curvature_1_m, told_1_m)
+        state = motion_of(SPEED_M_S, SPEED_M_S * curvature_1_m, told_1_m)
         watch.step(mean_motion([(state, 0.0, 0.0, 0.0)], STEP_S), 0.0, 0.0)
     return watch.contradiction
 
@@ -62,7 +62,7 @@ def test_a_steady_residual_is_found_from_its_floor_and_its_share_on() -> None:
 def test_after_a_gap_the_watch_begins_anew() -> None:
     watch = Plausibility(None, has_plans=True)
     for _ in range(60):
-        state = VehicleState(SPEED_M_S, 0.2, -0.1)
+        state = motion_of(SPEED_M_S, 0.2, -0.1)
         watch.step(mean_motion([(state, 0.0, 0.0, 0.0)], STEP_S), 0.0, 0.0)
         watch.restart()
     assert watch.contradiction == ""

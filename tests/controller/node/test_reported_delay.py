@@ -12,6 +12,7 @@ from steer_by_wire.controller.node.reported_delay import (
 )
 from steer_by_wire.dbc.messages import DelayStatus, EchoState, limits
 from steer_by_wire.runtime.node import NS_PER_S
+from tests.support.frames.made_messages import message_with
 
 PERIOD_NS = 10_000_000
 RULE = EchoRule(PERIOD_NS / 2, 500e6, 300_000_000)
@@ -32,9 +33,13 @@ def test_the_echo_measures_down_and_up_less_half_a_period() -> None:
 
 def test_a_delay_is_sent_within_the_range_of_its_signal() -> None:
     largest_s = limits(DelayStatus)["echo_delay_s"].maximum
-    assert delay_status(None) == DelayStatus(0.0, EchoState.UNKNOWN)
-    assert delay_status(0.1) == DelayStatus(0.1, EchoState.KNOWN)
-    assert delay_status(10.0) == DelayStatus(largest_s, EchoState.KNOWN)
+    assert delay_status(None) == message_with(DelayStatus)
+    assert delay_status(0.1) == message_with(
+        DelayStatus, echo_delay_s=0.1, echo_state=EchoState.KNOWN
+    )
+    assert delay_status(10.0) == message_with(
+        DelayStatus, echo_delay_s=largest_s, echo_state=EchoState.KNOWN
+    )
 
 
 def test_a_run_reports_the_networks_delay_within_half_a_period() -> None:

@@ -18,10 +18,8 @@ from steer_by_wire.dbc.messages import (
     Decoded,
     LateralError,
     Mode,
-    SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
-    VehicleState,
     decode,
     encode,
 )
@@ -29,7 +27,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_MS, View
 from steer_by_wire.runtime.node.end import End
-from tests.support.frames.made_messages import message_with
+from tests.support.frames.made_messages import command_of, error_of, message_with, motion_of
 
 CAR = Path(__file__).with_name("my_car.toml")
 DATABASE: Any = cantools.database.load_file(CAR.with_suffix(".dbc"))
@@ -148,7 +146,7 @@ def test_doubled_frames_and_a_restart_are_no_second_sender() -> None:
 
 def test_a_frame_that_only_this_end_sends_is_noticed_unless_it_is_an_echo() -> None:
     node, gateway = behind(End.CONTROLLER)
-    node.to_send = [encode(SteeringCommand(0.1, 0, Mode.ACTIVE), 0)]
+    node.to_send = [encode(command_of(0.1), 0)]
     (sent,) = gateway.on_tick(0)
     gateway.on_frame(sent, NS_PER_MS)
     assert gateway.second_senders == []
@@ -168,7 +166,10 @@ def test_any_bytes_are_taken_or_counted(data: bytes, flags: int, can_id: int) ->
 
 def test_measurements_leave_as_the_car_says_them() -> None:
     node, gateway = behind(End.PLANT)
-    error, state = LateralError(0.125, -0.02), VehicleState(10.0, 0.1, 0.004)
+    error, state = (
+        message_with(LateralError, lateral_error_m=0.125, heading_error_rad=-0.02),
+        motion_of(10.0, 0.1, 0.004),
+    )
     status = message_with(
         SteeringStatus, wheel_angle_rad=0.05, applied_counter=3, status=SteeringStatusCode.APPLYING
     )
@@ -190,7 +191,7 @@ def test_measurements_leave_as_the_car_says_them() -> None:
 
 def test_each_message_keeps_its_cycle_while_its_values_are_new() -> None:
     node, gateway = behind(End.PLANT)
-    node.to_send = [encode(LateralError(0.0, 0.0), 0), encode(VehicleState(10.0, 0.0, 0.0), 0)]
+    node.to_send = [encode(error_of(), 0), encode(motion_of(10.0), 0)]
     times: dict[int, list[int]] = {}
     while gateway.deadline_ns <= 2 * HOLD_NS:
         now_ns = gateway.deadline_ns

@@ -16,9 +16,6 @@ from steer_by_wire.dbc.messages import (
     Direction,
     DisturbanceConfig,
     LatencyConfig,
-    LatencyModel,
-    Mode,
-    SteeringPlan,
     decode,
     encode,
 )
@@ -49,8 +46,9 @@ from tests.support.frames.authenticated_ends import (
     met,
     plant,
 )
+from tests.support.frames.made_messages import latency_of, plan_of
 
-CONFIG = encode(LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.01, 0.0, 0.0), 0)
+CONFIG = encode(latency_of(Direction.BOTH, 0.01), 0)
 
 
 # The primitive and the layout, each against somebody else's
@@ -126,7 +124,9 @@ def test_every_protected_message_has_a_secured_form_of_a_length_can_fd_has() -> 
     }
     assert (DATA.length, SYNC.length, LONG.length) == (20, 48, 64)
     ends = met()
-    plan = encode(SteeringPlan(7, Mode.ACTIVE, 200, 5, *(0.01 * step for step in range(18))), 7)
+    plan = encode(
+        plan_of((0.01 * step for step in range(18)), plan_number=7, first_sample=200, spacing=5), 7
+    )
     for frame in (*FROM_PLANT, PLANT_STATUS, CONTROLLER_STATUS, COMMAND, plan):
         secured = ends[0].secure(frame)
         assert is_secured(secured)

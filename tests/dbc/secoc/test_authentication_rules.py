@@ -18,11 +18,14 @@ from tests.support.frames.authenticated_ends import (
     PLANT_STATUS,
     flipped,
 )
+from tests.support.frames.made_messages import path_ahead_of
 
 DRIVES, EVENTS = 25, 80
 STATUS_IDS = (CONTROLLER_STATUS.can_id, PLANT_STATUS.can_id)
 LONG_IDS = (CAN_IDS[SteeringPlan], CAN_IDS[PathAhead])
-PATH_AHEAD = encode(PathAhead(1, 1.0, *(0.01 for _ in PathAhead._fields[2:])), 4)
+PATH_AHEAD = encode(
+    path_ahead_of((0.01 for _ in PathAhead._fields[2:]), path_sample=1, path_spacing_m=1.0), 4
+)
 NO_CHALLENGE = bytes(8)
 SENT_BY = ((COMMAND, CONTROLLER_STATUS), (*FROM_PLANT, PATH_AHEAD, PLANT_STATUS))
 compute_mac = cmac_maker()(KEY)

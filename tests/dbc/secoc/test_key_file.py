@@ -9,12 +9,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from steer_by_wire.dbc.messages import ControllerStatus, LawNumber, Mode, encode
+from steer_by_wire.dbc.messages import ControllerStatus, encode
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.key_file import _obstacle, cmac_maker, open_authentication, read_key
 from steer_by_wire.dbc.secoc.secured_frame import Refused
 from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import SettingsError
+from tests.support.frames.made_messages import message_with
 
 pytestmark = pytest.mark.skipif(
     not hasattr(os, "geteuid"), reason="this platform does not report who may read a file"
@@ -147,7 +148,7 @@ def test_no_object_gives_the_key_away(file: Path) -> None:
 
 
 def test_every_start_has_a_challenge_of_its_own_and_a_higher_counter(file: Path) -> None:
-    status = encode(ControllerStatus(Mode.WAITING, LawNumber.PD, 0.0, 0.0, 0), 0)
+    status = encode(message_with(ControllerStatus), 0)
     sent = [open_authentication(file, End.CONTROLLER).secure(status).data for _ in range(3)]
     assert len({data[8:16] for data in sent}) == 3
     counters = [int.from_bytes(data[24:32], "big") for data in sent]
@@ -156,7 +157,7 @@ def test_every_start_has_a_challenge_of_its_own_and_a_higher_counter(file: Path)
 
 
 def test_two_ends_that_read_one_file_believe_each_other(file: Path) -> None:
-    status = encode(ControllerStatus(Mode.WAITING, LawNumber.PD, 0.0, 0.0, 0), 0)
+    status = encode(message_with(ControllerStatus), 0)
     ends = open_authentication(file, End.CONTROLLER), open_authentication(file, End.PLANT)
     assert isinstance(ends[0], Authentication)
     assert ends[1].verify(ends[0].secure(status)) is Refused.UNSYNCHRONISED  # and not FORGED

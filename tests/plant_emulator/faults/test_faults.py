@@ -10,7 +10,6 @@ from steer_by_wire.closed_loop.compiled.engine import FaultsNotCompiledError, ru
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
-    Mode,
     Rejection,
     SteeringCommand,
     decode,
@@ -24,6 +23,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, View
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from tests.support.frames.decoded_frames import decoded, messages_in
+from tests.support.frames.made_messages import command_of
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
@@ -61,10 +61,7 @@ def fault(kind: FaultKind, magnitude: float, **more: Any) -> FaultSettings:
 
 def commands(count: int) -> list[Frame]:
     steers_rad = [0.001 * (n % 1000) for n in range(count)]
-    return [
-        encode(SteeringCommand(steer_rad, n, Mode.ACTIVE), n % 256)
-        for n, steer_rad in enumerate(steers_rad)
-    ]
+    return [encode(command_of(steer_rad, n), n % 256) for n, steer_rad in enumerate(steers_rad)]
 
 
 def passed(*faults: FaultSettings, count: int = 40) -> list[tuple[int, Frame]]:

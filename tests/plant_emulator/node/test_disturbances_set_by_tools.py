@@ -6,6 +6,7 @@ import pytest
 
 from steer_by_wire.dbc.messages import CAN_IDS, DisturbanceConfig
 from steer_by_wire.runtime.frame import Frame
+from tests.support.frames.made_messages import message_with
 from tests.support.nodes.plant_link import MS_NS, START_NS, Link, plant_settings
 
 AT_S = 0.5
@@ -39,9 +40,12 @@ def places(link: Link) -> list[tuple[float, ...]]:
 @pytest.mark.parametrize(
     ("step", "config"),
     [
-        ({"side_force_n": 1500.0}, DisturbanceConfig(1500.0, 0.0, 0.0, 0.0)),
-        ({"yaw_moment_n_m": -200.0}, DisturbanceConfig(0.0, -200.0, 0.0, 0.0)),
-        ({"steering_offset_rad": 0.02, "friction": 0.3}, DisturbanceConfig(0.0, 0.0, 0.02, 0.7)),
+        ({"side_force_n": 1500.0}, message_with(DisturbanceConfig, side_force_n=1500.0)),
+        ({"yaw_moment_n_m": -200.0}, message_with(DisturbanceConfig, yaw_moment_n_m=-200.0)),
+        (
+            {"steering_offset_rad": 0.02, "friction": 0.3},
+            message_with(DisturbanceConfig, steering_offset_rad=0.02, friction_loss=0.7),
+        ),
     ],
 )
 def test_a_message_moves_the_vehicle_as_a_step_of_the_settings_does(
@@ -53,7 +57,7 @@ def test_a_message_moves_the_vehicle_as_a_step_of_the_settings_does(
 
 
 def test_a_message_takes_the_place_of_the_steps_that_are_to_come() -> None:
-    calm = driven({"side_force_n": 1500.0}, DisturbanceConfig(0.0, 0.0, 0.0, 0.0))
+    calm = driven({"side_force_n": 1500.0}, message_with(DisturbanceConfig))
     assert {error for _, error, _ in places(calm)} == {0.0}
 
 
@@ -61,7 +65,7 @@ def test_a_message_acts_between_two_samples_at_its_own_time() -> None:
     link = driven(None, None)
     moved = driven(None, None)
     at_ns = END_NS + 3 * MS_NS
-    moved.configure(at_ns, DisturbanceConfig(5000.0, 0.0, 0.0, 0.0))
+    moved.configure(at_ns, message_with(DisturbanceConfig, side_force_n=5000.0))
     for one in (link, moved):
         one.tick_until(END_NS + 9 * MS_NS)
         assert one.node.report()["skipped_samples"] == 0
@@ -85,7 +89,7 @@ def test_frictions_one_after_the_other_move_the_vehicle_as_steps_do() -> None:
     by_settings.tick_until(END_NS)
     by_message = Link(plant_settings(path={"kind": "straight"}, start_on_first_command=False))
     for number, friction in enumerate(frictions, start=1):
-        config = DisturbanceConfig(900.0, 0.0, 0.0, 1.0 - friction)
+        config = message_with(DisturbanceConfig, side_force_n=900.0, friction_loss=1.0 - friction)
         by_message.configure(START_NS + 200 * MS_NS * number, config)
     by_message.tick_until(END_NS)
     assert places(by_message) == places(by_settings)

@@ -10,10 +10,13 @@ from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summar
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from tests.support.frames.made_messages import latency_of, message_with
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, seen
 
-GUST = DisturbanceConfig(32_767.0, 0.0, 0.02, 0.3)
-SLOW = LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01)
+GUST = message_with(
+    DisturbanceConfig, side_force_n=32_767.0, steering_offset_rad=0.02, friction_loss=0.3
+)
+SLOW = latency_of(Direction.BOTH, 0.08, 0.03, 0.01, model=LatencyModel.NORMAL)
 Changes = tuple[tuple[int, LatencyConfig | DisturbanceConfig], ...]
 
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from steer_by_wire.dbc.messages import Direction, LatencyConfig, LatencyModel
+from steer_by_wire.dbc.messages import Direction, LatencyModel
+from tests.support.frames.made_messages import latency_of
 from tests.support.nodes.plant_link import MS_NS, START_NS, Link, link, steered
 
 
@@ -27,7 +28,7 @@ def test_a_latency_changed_live_is_shown() -> None:
     assert "intervention" not in states(tested, 0)
     tested.configure(
         START_NS + 40 * MS_NS,
-        LatencyConfig(Direction.DOWNLINK, LatencyModel.GAMMA, 0.08, 0.03, 0.01),
+        latency_of(Direction.DOWNLINK, 0.08, 0.03, 0.01, model=LatencyModel.GAMMA),
     )
     assert states(tested, 0)["intervention"] == (
         "intervention 1 over the bus: latency downlink gamma 80 ± 30 ms, 1 % lost "

@@ -10,7 +10,6 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
     LateralError,
-    Mode,
     PlantStatus,
     SteeringCommand,
     SteeringStatus,
@@ -24,12 +23,13 @@ from steer_by_wire.plant_emulator.sensors.sampling import VEHICLE_STATE_PERIOD_N
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
+from tests.support.frames.made_messages import command_of
 from tests.support.nodes.plant_link import MS_NS, NORMAL, PERIOD_NS, START_NS, link, seen, steered
 
 
 def on_the_wire(steer_rad: float) -> float:
     """The angle that a command brings; it has the signal's resolution."""
-    decoded = decode(encode(SteeringCommand(steer_rad, 0, Mode.ACTIVE), 0))
+    decoded = decode(encode(command_of(steer_rad), 0))
     assert isinstance(decoded, Decoded)
     assert isinstance(decoded.message, SteeringCommand)
     return decoded.message.steer_rad
@@ -107,9 +107,9 @@ def test_motion_starts_at_once_where_it_is_not_to_wait_for_a_command() -> None:
 
 def test_a_bad_command_starts_nothing() -> None:
     tested = link()
-    good = encode(SteeringCommand(0.1, 0, Mode.ACTIVE), 0)
+    good = encode(command_of(0.1), 0)
     tested.node.on_frame(good._replace(data=good.data[:-1] + b"\x55"), START_NS)
-    not_available = encode_not_available(SteeringCommand(0.0, 1, Mode.ACTIVE), 1)
+    not_available = encode_not_available(command_of(0.0, 1), 1)
     tested.node.on_frame(not_available, START_NS)
     tested.tick_until(START_NS + 5 * PERIOD_NS)
     assert not tested.node.samples

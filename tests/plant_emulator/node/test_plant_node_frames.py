@@ -8,8 +8,6 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
     Direction,
-    LatencyConfig,
-    LatencyModel,
     LateralError,
     PlantStatus,
     VehicleState,
@@ -17,6 +15,7 @@ from steer_by_wire.dbc.messages import (
     limits,
 )
 from steer_by_wire.plant_emulator.node.node import PlantNode
+from tests.support.frames.made_messages import latency_of
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link, plant_settings
 
 # Frames nobody should have sent
@@ -63,9 +62,7 @@ def test_what_is_sent_as_the_end_of_its_range_is_counted() -> None:
     tested.tick_until(START_NS)
     assert tested.last(VehicleState).preview_curvature_1_m == pytest.approx(0.2)
     assert tested.node.report()["clamped"] == 0
-    tested.configure(
-        START_NS, LatencyConfig(Direction.DOWNLINK, LatencyModel.CONSTANT, 6.0, 0.0, 0.0)
-    )
+    tested.configure(START_NS, latency_of(Direction.DOWNLINK, 6.0))
     tested.command(START_NS + MS_NS, 0.0)
     tested.tick_until(START_NS + 10 * PERIOD_NS)
     largest_s = limits(PlantStatus)["downlink_latency_s"].maximum

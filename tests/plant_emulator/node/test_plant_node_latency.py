@@ -7,13 +7,13 @@ import pytest
 
 from steer_by_wire.dbc.messages import (
     Direction,
-    LatencyConfig,
     LatencyModel,
     LateralError,
     PlantStatus,
     SteeringStatus,
     VehicleState,
 )
+from tests.support.frames.made_messages import latency_of
 from tests.support.nodes.plant_link import (
     MS_NS,
     NORMAL,
@@ -54,7 +54,7 @@ def test_latency_is_changed_at_run_time_in_the_direction_asked_for(
     direction: Direction, downlink_ms: int, uplink_ms: int
 ) -> None:
     tested = link()
-    tested.configure(START_NS, LatencyConfig(direction, LatencyModel.CONSTANT, 0.02, 0.0, 0.0))
+    tested.configure(START_NS, latency_of(direction, 0.02))
     tested.command(START_NS, 0.1)
     tested.tick_until(START_NS + 5 * PERIOD_NS)
     wheels = [sample.wheel_angle_rad for sample in tested.node.samples]
@@ -73,7 +73,10 @@ def test_latency_is_changed_at_run_time_in_the_direction_asked_for(
 @pytest.mark.parametrize("model", LatencyModel)
 def test_every_model_of_the_wire_can_be_asked_for(model: LatencyModel) -> None:
     tested = link()
-    tested.configure(START_NS, LatencyConfig(Direction.UPLINK, model, 0.05, 0.01, 0.25))
+    tested.configure(
+        START_NS,
+        latency_of(Direction.UPLINK, 0.05, 0.01, 0.25, model=model),
+    )
     tested.tick_until(START_NS + 400 * PERIOD_NS)
     uplink = tested.node.report()["uplink"]
     assert uplink["injected"]["mean_s"] == pytest.approx(0.05, rel=0.05)

@@ -5,7 +5,8 @@ import math
 import pytest
 
 from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M, CgDeviation
-from steer_by_wire.dbc.messages import GroundTruth, LateralError, VehicleState
+from steer_by_wire.dbc.messages import GroundTruth, LateralError
+from tests.support.frames.made_messages import error_of, message_with, motion_of
 from tests.support.nodes.plant_link import PERIOD_NS, START_NS, link
 
 NOISY = {"sensor_noise": {"lateral_error_m": 0.05}, "start_on_first_command": False}
@@ -30,11 +31,14 @@ def test_it_is_of_each_sample_and_passes_neither_noise_nor_network() -> None:
 
 
 def test_where_it_is_sent_a_listener_computes_nothing() -> None:
-    state, error = VehicleState(2.0, 0.0, 0.02), LateralError(0.1, 0.0)
+    state, error = (
+        motion_of(2.0, preview_curvature_1_m=0.02),
+        error_of(0.1),
+    )
     listener = CgDeviation(PREVIEW_M)
     assert math.isnan(listener.on_message(error, 0.0))
     listener.on_message(state, 0.0)
     assert listener.on_message(error, 0.01) == pytest.approx(0.1 - 0.5 * PREVIEW_M**2 * 0.02)
     assert math.isnan(listener.on_message(error, math.nan))
-    assert listener.on_message(GroundTruth(0.03), math.nan) == 0.03
+    assert listener.on_message(message_with(GroundTruth, cg_deviation_m=0.03), math.nan) == 0.03
     assert math.isnan(listener.on_message(error, 0.02))

@@ -6,6 +6,7 @@ from steer_by_wire.dbc.messages import PathAhead, VehicleState
 from steer_by_wire.plant_emulator.path.path import curvature
 from steer_by_wire.plant_emulator.sensors.path_ahead import VALUES, spacing_m
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from tests.support.frames.made_messages import path_ahead_of
 from tests.support.nodes.fed_history import PERIOD_NS as TICK_NS
 from tests.support.nodes.fed_history import FedHistory
 from tests.support.nodes.plant_link import PERIOD_NS, START_NS, link
@@ -51,11 +52,11 @@ def test_the_history_knows_the_curvature_of_samples_to_come() -> None:
         fed.command(number, 0.0)
     ahead = [0.001 * index for index in range(VALUES)]
     assert fed.loop_delay(5).path_end == -1
-    fed.history.on_path(PathAhead(4, 1.0, *ahead), 10.0)
+    fed.history.on_path(path_ahead_of(ahead, path_sample=4, path_spacing_m=1.0), 10.0)
     loop_delay, history = fed.history.loop_delay(5, 5 * TICK_NS), fed.history.history
     assert loop_delay.path_end == 4 + 250
     known = [history.curvature_1_m[sample] for sample in (0, 4, 9, 14, 254)]
     assert known == pytest.approx([0.0, 0.0, 0.0005, 0.001, 0.025])
     # Of one that names a sample on the other side of the counter's wrap, only the future counts.
-    fed.history.on_path(PathAhead(254, 1.0, *ahead), 10.0)
+    fed.history.on_path(path_ahead_of(ahead, path_sample=254, path_spacing_m=1.0), 10.0)
     assert fed.history.loop_delay(5, 5 * TICK_NS).path_end == -2 + 250

@@ -10,18 +10,16 @@ from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     Direction,
-    LatencyConfig,
-    LatencyModel,
     Mode,
     PlantStatus,
     SafetyState,
-    SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
     encode,
 )
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
+from tests.support.frames.made_messages import command_of, latency_of
 from tests.support.nodes.driven_guard import Guarded, answers_to
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
@@ -96,9 +94,7 @@ def test_silence_counts_behind_the_latency_line() -> None:
         tested = link()
         for step in range(100):
             if step == 50:
-                rise = LatencyConfig(
-                    Direction.DOWNLINK, LatencyModel.CONSTANT, rise_ms * 1e-3, 0.0, 0.0
-                )
+                rise = latency_of(Direction.DOWNLINK, rise_ms * 1e-3)
                 tested.configure(START_NS + step * PERIOD_NS, rise)
             tested.command(START_NS + step * PERIOD_NS, 0.1)
         report = tested.node.report()["safety"]
@@ -116,7 +112,7 @@ def test_commands_refused_for_their_counter_alone_leave_the_run_of_good_ones(ahe
         now_ns = back_ns + step * PERIOD_NS
         tested.command(now_ns, 0.0)
         number = tested.counter - 1 + ahead
-        again = SteeringCommand(0.0, number % 65_536, Mode.ACTIVE)
+        again = command_of(0.0, number % 65_536)
         tested.node.on_frame(encode(again, number % 256), now_ns)
     tested.tick_until(back_ns + 12 * PERIOD_NS)
     report = tested.node.report()
@@ -128,7 +124,7 @@ def test_commands_of_a_controller_that_stops_safely_are_followed() -> None:
     tested = link()
     tested.tick_until(START_NS)
     for step in range(20):
-        message = SteeringCommand(0.2 - 0.01 * step, step, Mode.SAFE_STOP)
+        message = command_of(0.2 - 0.01 * step, step, Mode.SAFE_STOP)
         tested.tick_until(START_NS + step * PERIOD_NS)
         tested.node.on_frame(encode(message, step), START_NS + step * PERIOD_NS)
     tested.tick_until(START_NS + 20 * PERIOD_NS)

@@ -3,15 +3,13 @@
 import pytest
 
 from steer_by_wire.dbc.messages import (
-    Mode,
-    SteeringCommand,
-    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     encode,
 )
 from steer_by_wire.plant_emulator.faults.settings import FaultSettings
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
+from tests.support.frames.made_messages import command_of, plan_of
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 VALUES = [0.01 * index for index in range(18)]
@@ -19,7 +17,7 @@ VALUES = [0.01 * index for index in range(18)]
 
 def send_plan(tested: Link, now_ns: int, first_sample: int, spacing: int, number: int) -> None:
     tested.tick_until(now_ns - 1)
-    plan = SteeringPlan(number, Mode.ACTIVE, first_sample % 256, spacing, *VALUES)
+    plan = plan_of(VALUES, plan_number=number, first_sample=first_sample % 256, spacing=spacing)
     tested.node.on_frame(encode(plan, number % 256), now_ns)
 
 
@@ -109,7 +107,7 @@ def test_a_damaged_late_or_repeated_plan_changes_nothing() -> None:
     tested = link()
     send_plan(tested, START_NS, first_sample=0, spacing=4, number=5)
     for number, flip in ((6, True), (5, False), (4, False)):
-        plan = SteeringPlan(number, Mode.ACTIVE, 0, 15, *[0.5] * 18)
+        plan = plan_of([0.5] * 18, plan_number=number, spacing=15)
         frame = encode(plan, number)
         if flip:
             frame = frame._replace(data=frame.data[:-1] + b"\xff")
@@ -140,7 +138,7 @@ def test_plans_and_commands_are_one_stream_in_which_the_newest_wins() -> None:
     )
     send_plan(tested, START_NS, first_sample=0, spacing=4, number=0)
     tested.tick_until(START_NS + 2 * PERIOD_NS - 1)
-    command = encode(SteeringCommand(0.03, 1, Mode.ACTIVE), 1)
+    command = encode(command_of(0.03, 1), 1)
     tested.node.on_frame(command, START_NS + 2 * PERIOD_NS)
     tested.tick_until(START_NS + 15 * PERIOD_NS)
     assert applied(tested)[-1] == 1
@@ -154,7 +152,7 @@ def test_faults_of_plans_begin_after_the_first_of_them() -> None:
     )
     faulty = FaultyNode(tested.node, (lost,), seed=1)
     for number in range(40):
-        plan = SteeringPlan(number, Mode.ACTIVE, 0, 4, *VALUES)
+        plan = plan_of(VALUES, plan_number=number, spacing=4)
         tested.tick_until(START_NS + number * PERIOD_NS)
         faulty.on_frame(encode(plan, number), START_NS + number * PERIOD_NS + MS_NS)
     assert tested.node.report()["accepted"] == 10

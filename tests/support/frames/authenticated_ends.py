@@ -3,26 +3,25 @@
 from steer_by_wire.dbc.messages import (
     ControllerStatus,
     LateralError,
-    LawNumber,
     Mode,
     PlantStatus,
-    SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
-    VehicleState,
     encode,
 )
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.end import End
-from tests.support.frames.made_messages import message_with
+from tests.support.frames.made_messages import command_of, message_with, motion_of
 
 KEY = bytes(range(16))
 CONTROLLER_CHALLENGE, PLANT_CHALLENGE = b"ctrl-one", b"plantone"
-ERROR_MESSAGE = LateralError(0.125, -0.01)
-CONTROLLER_STATUS = encode(ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0, 3), 7)
-PLANT_STATUS = encode(PlantStatus(0.08, 0.02, 1, 2), 9)
+ERROR_MESSAGE = message_with(LateralError, lateral_error_m=0.125, heading_error_rad=-0.01)
+CONTROLLER_STATUS = encode(message_with(ControllerStatus, mode=Mode.ACTIVE, skipped_ticks=3), 7)
+PLANT_STATUS = encode(
+    message_with(PlantStatus, downlink_latency_s=0.08, uplink_latency_s=0.02, lost=1, rejected=2), 9
+)
 FROM_PLANT = (
     encode(ERROR_MESSAGE, 1),
     encode(
@@ -34,9 +33,12 @@ FROM_PLANT = (
         ),
         2,
     ),
-    encode(VehicleState(1.4, 0.01, 0.02), 3),
+    encode(
+        motion_of(1.4, 0.01, 0.02),
+        3,
+    ),
 )
-COMMAND = encode(SteeringCommand(0.25, 7, Mode.ACTIVE), 200)
+COMMAND = encode(command_of(0.25, 7), 200)
 
 
 def controller(

@@ -45,6 +45,7 @@ from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, Wrapper
 from steer_by_wire.tools.generate_c.law_source import law_source
 from steer_by_wire.tools.generate_c.node_source import node_source
+from tests.support.frames.made_messages import error_of
 
 from .law_in_c import STRICT, Target
 
@@ -259,7 +260,7 @@ class Traffic:
                 return frame._replace(data=frame.data[:5], flags=0)
             case 3 if frame.can_id == CAN_IDS[LateralError]:
                 counter = self._senders[LateralError].counter - 1
-                return encode_not_available(LateralError(0.0, 0.0), counter % 256)
+                return encode_not_available(error_of(), counter % 256)
         return frame._replace(can_id=frame.can_id ^ 0x30)
 
     def _deliver(self, frames: Sequence[Frame], end_ns: int) -> None:

@@ -7,13 +7,13 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     Decoded,
-    LateralError,
     Message,
     SteeringCommand,
     decode,
     encode,
 )
 from steer_by_wire.runtime.frame import Frame
+from tests.support.frames.made_messages import error_of
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS
@@ -69,7 +69,7 @@ class Link:
         """Pass some periods, with a measurement just before each tick, or without any."""
         for _ in range(periods):
             if lateral_error_m is not None:
-                self.deliver(LateralError(lateral_error_m, 0.0))
+                self.deliver(error_of(lateral_error_m))
             self.tick_until(self.now_ns + PERIOD_NS)
 
     @property

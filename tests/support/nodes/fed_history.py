@@ -19,7 +19,7 @@ def echo(counter: int, status: SteeringStatusCode = APPLYING) -> SteeringStatus:
 
 
 def error(value_m: float) -> LateralError:
-    return LateralError(value_m, 0.1 * value_m)
+    return message_with(LateralError, lateral_error_m=value_m, heading_error_rad=0.1 * value_m)
 
 
 class FedHistory:

@@ -9,8 +9,6 @@ from steer_by_wire.dbc.messages import (
     DisturbanceConfig,
     LatencyConfig,
     Message,
-    Mode,
-    SteeringCommand,
     decode,
     encode,
 )
@@ -18,6 +16,7 @@ from steer_by_wire.plant_emulator.evaluation.run_record import PlantSample
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
+from tests.support.frames.made_messages import command_of
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS
@@ -49,7 +48,7 @@ class Link:
     def command(self, now_ns: int, steer_rad: float) -> None:
         """Deliver a command at ``now_ns``, after all that is due before."""
         self.tick_until(now_ns - 1)
-        message = SteeringCommand(steer_rad, self.counter % 65_536, Mode.ACTIVE)
+        message = command_of(steer_rad, self.counter % 65_536)
         assert self.node.on_frame(encode(message, self.counter % 256), now_ns) == ()
         self.counter += 1
 

@@ -15,7 +15,6 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerStatus,
     LateralError,
-    Mode,
     SteeringCommand,
     encode,
 )
@@ -23,6 +22,7 @@ from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.message import frame_of, message_of
+from tests.support.frames.made_messages import command_of
 from tests.support.programs.running_program import PATIENCE_S, RunningProgram, running
 
 pytestmark = pytest.mark.skipif(
@@ -96,7 +96,7 @@ def test_a_pair_with_a_key_withstands_an_intruder_and_a_restart_and_shows_no_key
             commands(client, COMMANDS_MIN)
             for frame in heard:
                 client.send(message_of(frame))
-            spoof = encode(SteeringCommand(0.6, 1, Mode.ACTIVE), 1)
+            spoof = encode(command_of(0.6, 1), 1)
             guess = Frame(spoof.can_id, spoof.data + b"\x55" * 12, FD | BITRATE_SWITCH)
             for frame in (spoof, guess) * 10:
                 client.send(message_of(frame))

@@ -31,6 +31,7 @@ from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import load_settings, read_preset
+from tests.support.frames.made_messages import error_of
 
 opendbc: Any = pytest.importorskip("opendbc", reason="no opendbc: no car of others was driven")
 
@@ -160,7 +161,7 @@ class Follower:
         self._car, self._interface = car, interface_of(car)
         self._structs = import_module("opendbc.car").structs
         self._come: list[tuple[int, bytes, int]] = []
-        self._error = LateralError(0.0, 0.0)
+        self._error = error_of()
         self._integral_rad = 0.0
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002

@@ -18,7 +18,6 @@ import pytest
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerStatus,
-    LateralError,
     SteeringCommand,
     encode,
 )
@@ -27,6 +26,7 @@ from steer_by_wire.runtime.exit_status import BusError, ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.port.interface_choice import socketcan_obstacle
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
+from tests.support.frames.made_messages import error_of
 from tests.support.programs.running_program import PATIENCE_S, RunningProgram, running, wait_until
 from tests.support.programs.slcan_adapter import AdapterBus
 
@@ -209,7 +209,7 @@ def test_foreign_traffic_wakes_no_program_a_forged_bus_off_stops_none_and_a_new_
         for number in range(500):
             assert sender.send(Frame(0x5A0 + number % 2, b"foreign"))
         assert sender.send(Frame(0x40, bytes(8), ERROR))
-        assert sender.send(encode(LateralError(0.0, 0.0), 0))
+        assert sender.send(encode(error_of(), 0))
         sender.shutdown()
         wait_for_frame(interface, CAN_IDS[SteeringCommand])  # the measurement, sent last, was read
         losses = [("set", interface, "down"), ("del", interface)]

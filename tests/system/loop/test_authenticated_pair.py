@@ -15,9 +15,6 @@ from steer_by_wire.dbc.messages import (
     ControllerStatus,
     DelayStatus,
     Direction,
-    LatencyConfig,
-    LatencyModel,
-    Mode,
     PlantStatus,
     SteeringCommand,
     encode,
@@ -40,6 +37,7 @@ from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from tests.support.frames.authenticated_ends import KEY, controller, meet, plant
 from tests.support.frames.decoded_frames import messages_in
+from tests.support.frames.made_messages import command_of, latency_of
 from tests.support.frames.timed_sender import TimedSender
 
 OTHER_KEY = bytes(range(1, 17))
@@ -213,7 +211,7 @@ def spoofed() -> list[Frame]:
     """Full steer, classic; the same with a trailer that is guessed."""
     frames = []
     for counter in range(256):
-        command = encode(SteeringCommand(0.6, counter, Mode.ACTIVE), counter)
+        command = encode(command_of(0.6, counter), counter)
         frames.append(command)
         frames.append(command._replace(data=command.data + bytes([counter | 1]) * 12, flags=FD))
     return frames
@@ -288,7 +286,7 @@ def test_frames_repeated_within_the_session_change_no_bit_of_the_run(
 
 
 def test_the_latency_cannot_be_changed_by_who_has_no_key() -> None:
-    config = encode(LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.4, 0.0, 0.5), 0)
+    config = encode(latency_of(Direction.BOTH, 0.4, loss=0.5), 0)
     attacker = intruder([config])
     pair = Pair(*met(), others=[attacker])
     assert pair.plant.report()["downlink"]["latency"]["max_s"] < 0.4

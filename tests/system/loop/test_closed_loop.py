@@ -19,8 +19,6 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.dbc.messages import (
     Decoded,
     Direction,
-    LatencyConfig,
-    LatencyModel,
     Message,
     Mode,
     SteeringCommand,
@@ -45,6 +43,7 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
+from tests.support.frames.made_messages import latency_of
 from tests.support.frames.timed_sender import TimedSender
 from tests.support.suite.combinations import combined
 
@@ -277,7 +276,7 @@ def test_the_practical_presets_hold_every_corner_with_and_without_latency(
 
 
 def uplink_loss(loss: float) -> Frame:
-    return encode(LatencyConfig(Direction.UPLINK, LatencyModel.CONSTANT, 0.0, 0.0, loss), 0)
+    return encode(latency_of(Direction.UPLINK, loss=loss), 0)
 
 
 @pytest.mark.parametrize(("law", "gap_ms"), combined(LAWS, [500, 3000]))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.messages import LateralError, encode
+from steer_by_wire.dbc.messages import encode
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.overruns import (
     OverrunRule,
@@ -17,6 +17,7 @@ from steer_by_wire.runtime.node.overruns import (
     overrun_rule,
 )
 from steer_by_wire.runtime.node.periodic import PeriodicTimer
+from tests.support.frames.made_messages import error_of
 from tests.support.nodes.plant_link import PERIOD_NS, START_NS, link
 
 MS = 1_000_000
@@ -100,7 +101,7 @@ def test_a_starved_controller_stops_steering_for_good_and_says_why() -> None:
         for offset in range(4):
             now_ns = cycle * 150 * MS + offset * 10 * MS + MS // 20
             counter = (4 * cycle + offset) % 256
-            node.on_frame(encode(LateralError(0.01, 0.0), counter), now_ns)
+            node.on_frame(encode(error_of(0.01), counter), now_ns)
             frames += node.on_tick(now_ns)
     report = node.report()
     assert "periods were missed" in report["failure"]

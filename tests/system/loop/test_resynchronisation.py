@@ -2,9 +2,10 @@
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.dbc.messages import LateralError, Mode, SteeringStatus, SteeringStatusCode
+from steer_by_wire.dbc.messages import Mode, SteeringStatus, SteeringStatusCode
 from steer_by_wire.plant_emulator.steering.settings import SafetySettings
 from steer_by_wire.plant_emulator.steering.settings import resync_ns_of as plant_resync_ns_of
+from tests.support.frames.made_messages import error_of
 from tests.support.nodes.controller_link import MS_NS, PERIOD_NS, Link, controller_settings
 from tests.support.nodes.plant_link import START_NS, link
 
@@ -26,10 +27,10 @@ def modes_after_a_jump(settings: ControllerSettings, phase_ns: int) -> list[Mode
     tested.drive(20, 0.1)
     tested.tick_until(tested.now_ns + phase_ns)
     sent = len(tested.commands)
-    tested.deliver(LateralError(0.1, 0.0), skip=156)
+    tested.deliver(error_of(0.1), skip=156)
     for _ in range(40):
         tested.tick_until(tested.now_ns + PERIOD_NS)
-        tested.deliver(LateralError(0.1, 0.0))
+        tested.deliver(error_of(0.1))
     return [command.mode for command in tested.commands[sent:]]
 
 

@@ -14,7 +14,6 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
     LateralError,
-    Mode,
     PlantStatus,
     SafetyState,
     SteeringCommand,
@@ -35,6 +34,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.run import __main__ as closed_loop
+from tests.support.frames.made_messages import command_of
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 OVERSTEER = {
@@ -199,7 +199,7 @@ def test_a_command_that_is_no_number_never_reaches_the_wheel(
     tested = steering(link())
     monkeypatch.setattr(
         "steer_by_wire.dbc.reception.Reception.take",
-        lambda _self, _frame, _now_ns: SteeringCommand(math.nan, 51, Mode.ACTIVE),
+        lambda _self, _frame, _now_ns: command_of(math.nan, 51),
     )
     tested.node.on_frame(Frame(CAN_IDS[SteeringCommand], b""), START_NS + 51 * PERIOD_NS)
     finish(tested)

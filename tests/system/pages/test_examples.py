@@ -21,13 +21,14 @@ from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
 from steer_by_wire.closed_loop.lockstep.record import FRAMES, Arrival, Record
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.closed_loop.rig.rig import Rig
-from steer_by_wire.dbc.messages import Decoded, LateralError, decode, encode
+from steer_by_wire.dbc.messages import Decoded, decode, encode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
+from tests.support.frames.made_messages import error_of
 from tests.support.programs.running_program import PATIENCE_S, RunningProgram, running
 
 pytest_plugins = ["pytester"]
@@ -309,7 +310,7 @@ def test_the_controller_in_c_answers_on_vcan0(folder: Path) -> None:
         assert program.stdout is not None
         assert program.stdout.readline() == b"ready\n"
         for counter in range(20):
-            assert bus.send(encode(LateralError(0.1, 0.0), counter))
+            assert bus.send(encode(error_of(0.1), counter))
             answer = bus.recv(PATIENCE_S)
             assert answer is not None
             command_frame = decode(answer.frame)

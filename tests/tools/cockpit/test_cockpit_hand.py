@@ -8,10 +8,6 @@ import pytest
 from steer_by_wire.dbc.messages import (
     Direction,
     DisturbanceConfig,
-    LatencyConfig,
-    LatencyModel,
-    Mode,
-    SteeringCommand,
     encode,
 )
 from steer_by_wire.plant_emulator.settings import plant_preset
@@ -21,6 +17,7 @@ from steer_by_wire.tools.cockpit.hand import PERIOD_NS, RELEASED_NS, HandFile, H
 from steer_by_wire.tools.cockpit.predictor_ghost import PredictorGhost
 from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
 from steer_by_wire.tools.cockpit.signals import ROW_PERIOD_S
+from tests.support.frames.made_messages import command_of, latency_of, message_with
 
 START_NS = 7 * PERIOD_NS + 3
 
@@ -33,7 +30,7 @@ def test_a_hand_sends_its_newest_angle_each_period_and_nothing_once_it_is_gone(
     assert node.on_tick(START_NS) == ()
     for number in range(3):
         hand.write(0.1 * (number + 1), node.deadline_ns)
-        command = SteeringCommand(0.1 * (number + 1), number, Mode.ACTIVE)
+        command = command_of(0.1 * (number + 1), number)
         assert node.on_tick(node.deadline_ns) == (encode(command, number),)
     written_ns = START_NS + 3 * PERIOD_NS
     assert node.on_tick(written_ns + RELEASED_NS - 1)
@@ -80,9 +77,11 @@ def test_the_predictors_ghost_starts_with_the_visitor_and_meets_the_same_delay_a
     for car in (quick, slow):
         car.begin(9 * NS_PER_S)
         car.begin(10 * NS_PER_S)  # by the second command
-    late = LatencyConfig(Direction.DOWNLINK, LatencyModel.CONSTANT, 0.4, 0.0, 0.0)
+    late = latency_of(Direction.DOWNLINK, 0.4)
     slow.configure(encode(late, 0), 10 * NS_PER_S)
     for car in (quick, slow):
         assert abs(car.at(11 * NS_PER_S).lateral_m) < 1e-3  # on the straight of the beginning
-        car.configure(encode(DisturbanceConfig(1500.0, 0.0, 0.0, 0.0), 0), 11 * NS_PER_S)
+        car.configure(
+            encode(message_with(DisturbanceConfig, side_force_n=1500.0), 0), 11 * NS_PER_S
+        )
     assert 0.005 < quick.at(12 * NS_PER_S).lateral_m < slow.at(12 * NS_PER_S).lateral_m < 0.2

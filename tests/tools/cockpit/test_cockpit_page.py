@@ -11,14 +11,13 @@ from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.dbc.messages import (
     Direction,
-    LatencyConfig,
     LatencyModel,
-    LateralError,
     decode,
     encode,
 )
 from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.tools.cockpit.__main__ import main
+from tests.support.frames.made_messages import error_of, latency_of
 from tests.support.programs.browser import Browser, chromium, open_browser
 from tests.support.programs.cockpit_run import cockpit, recorded_run
 
@@ -97,7 +96,7 @@ def test_a_foreign_bus_gets_the_frame_that_the_slider_asks_for(browser: Browser)
         where = ("-i", "emulated", "-c", "foreign", "--bus-kwargs", f"address={broker}")
         with cockpit(*where, "--allow-control") as address:
             opened(browser, address)
-            bus.send(message_of(encode(LateralError(0.0421, 0.0), 0)))
+            bus.send(message_of(encode(error_of(0.0421), 0)))
             browser.wait_for("document.querySelector('#figures').innerText.includes('42.1')")
             browser.read(slide("uplink-mean_s", 35))
             got = bus.recv(PATIENCE_S)
@@ -111,7 +110,7 @@ def test_a_foreign_bus_gets_the_frame_that_the_slider_asks_for(browser: Browser)
         assert got is not None
         assert by_hand is not None
         assert (by_hand.arbitration_id, bytes(by_hand.data)) == (0x123, b"\xde\xad")
-        wanted = LatencyConfig(Direction.UPLINK, LatencyModel.NORMAL, 0.035, 0.0, 0.0)
+        wanted = latency_of(Direction.UPLINK, 0.035, model=LatencyModel.NORMAL)
         assert decode(frame_of(got)) == decode(encode(wanted, 0))
         with cockpit(*where) as address:
             opened(browser, address)

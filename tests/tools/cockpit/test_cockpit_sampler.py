@@ -16,15 +16,11 @@ from steer_by_wire.dbc.messages import (
     DelayStatus,
     EchoState,
     Freshness,
-    LateralError,
-    LawNumber,
     Mode,
     PlantStatus,
     SafetyState,
-    SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
-    VehicleState,
     encode,
 )
 from steer_by_wire.plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
@@ -33,7 +29,7 @@ from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.tools.cockpit.sampler import Place, Sampler, message_text, payload_text
 from steer_by_wire.tools.cockpit.signals import CHARTS, FIGURES, NAMES
-from tests.support.frames.made_messages import message_with
+from tests.support.frames.made_messages import command_of, error_of, message_with, motion_of
 from tests.support.frames.recorded_frames import entries_in
 from tests.support.programs.cockpit_run import NS, PLANT, fed, recorded_run
 
@@ -64,7 +60,7 @@ def test_figures_that_are_reset_are_those_since_then(log: Path) -> None:
     sampler, now_ns = fed(log)
     sampler.reset_figures()
     assert math.isnan(signals(sampler, now_ns)["rms_m"])
-    sampler.on_frame(encode(LateralError(-0.25, 0.0), 0), now_ns)
+    sampler.on_frame(encode(error_of(-0.25), 0), now_ns)
     row = signals(sampler, now_ns)
     assert (row["rms_m"], row["peak_m"]) == (0.25, 0.25)
 
@@ -123,19 +119,22 @@ def test_without_the_path_the_curvature_gives_its_shape() -> None:
     road = path_of_curvature([(2.0, 0.0), (7.0, 0.05), (12.0, 0.0)])
     place = Place(None)
     curvatures = {0: 0.0}
-    place.on_vehicle(VehicleState(10.0, 0.0, 0.0), 0)
+    place.on_vehicle(motion_of(10.0), 0)
     place.on_command(0)
     for number in range(1, 101):
         s_m = 0.2 * number
         curvatures[number] = max(0.0, 0.05 - abs(s_m - 7.0) * 0.01)
-        place.on_vehicle(VehicleState(10.0, 0.0, curvatures[number]), number * 20 * MS)
+        place.on_vehicle(
+            motion_of(10.0, preview_curvature_1_m=curvatures[number]),
+            number * 20 * MS,
+        )
     got, wanted = place.at(100 * 20 * MS), pose(road, 20.0)
     assert got == pytest.approx(wanted, abs=0.05)
 
 
 def test_the_vehicle_stands_until_the_first_command_and_where_it_was_seen_last() -> None:
     place = Place(None)
-    place.on_vehicle(VehicleState(10.0, 0.0, 0.0), 0)
+    place.on_vehicle(motion_of(10.0), 0)
     assert place.at(5 * NS).x_m == 0.0
     place.on_command(5 * NS)
     assert place.at(5 * NS + 100 * MS).x_m == pytest.approx(1.0)
@@ -145,11 +144,16 @@ def test_the_vehicle_stands_until_the_first_command_and_where_it_was_seen_last()
 # Lights
 
 CALM = Known(
-    ControllerStatus(Mode.ACTIVE, LawNumber.PD, 0.0, 0.0, 0),
-    ControllerSafety(0, 0, Freshness.FRESH, Freshness.FRESH, Freshness.FRESH, ControllerFault.NONE),
-    DelayStatus(0.1, EchoState.KNOWN),
+    message_with(ControllerStatus, mode=Mode.ACTIVE),
+    message_with(
+        ControllerSafety,
+        lateral_error_freshness=Freshness.FRESH,
+        steering_status_freshness=Freshness.FRESH,
+        vehicle_state_freshness=Freshness.FRESH,
+    ),
+    message_with(DelayStatus, echo_delay_s=0.1, echo_state=EchoState.KNOWN),
     message_with(SteeringStatus, applied_counter=1, status=SteeringStatusCode.APPLYING),
-    PlantStatus(0.0, 0.0, 0, 0, SafetyState.NORMAL),
+    message_with(PlantStatus),
     {},
 )
 
@@ -194,7 +198,7 @@ def test_a_stale_message_is_named() -> None:
 
 def test_a_refused_frame_lights_up_for_a_while() -> None:
     sampler = Sampler(0)
-    good = encode(LateralError(0.0, 0.0), 0)
+    good = encode(error_of(), 0)
     sampler.on_frame(Frame(good.can_id, bytes([good.data[0] ^ 1]) + good.data[1:]), NS)
     assert sampler.lights(NS)[-1].cause == "in the last seconds: bad crc"
     assert sampler.lights(5 * NS)[-1].state == "INTACT"
@@ -243,7 +247,7 @@ def test_ticks_that_were_skipped_light_up_for_a_while() -> None:
 
 
 def test_a_frame_is_shown_as_candump_shows_it_and_in_words() -> None:
-    message = SteeringCommand(-0.01234, 17, Mode.HOLDING)
+    message = command_of(-0.01234, 17, Mode.HOLDING)
     assert payload_text(Frame(0x320, bytes.fromhex("2320032C016400"))) == (
         "[7]  23 20 03 2C 01 64 00"
     )

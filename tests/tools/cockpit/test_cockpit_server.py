@@ -15,9 +15,7 @@ from yarl import URL
 from steer_by_wire.dbc.messages import (
     Direction,
     DisturbanceConfig,
-    LatencyConfig,
     LatencyModel,
-    LateralError,
     encode,
 )
 from steer_by_wire.runtime.frame import Frame
@@ -27,6 +25,7 @@ from steer_by_wire.tools.cockpit.lane import ROWS_KEPT, Lane
 from steer_by_wire.tools.cockpit.page_access import HOST
 from steer_by_wire.tools.cockpit.page_requests import LISTENS_ONLY, NOT_OURS, Desk
 from steer_by_wire.tools.cockpit.server import STRANGERS_MAX, Server, serving
+from tests.support.frames.made_messages import error_of, latency_of, message_with
 
 TOKEN = "the-token"  # noqa: S105 of this test
 PATIENCE_S = 60.0
@@ -35,7 +34,7 @@ LATENCY = {
     "direction": "downlink",
     "latency": {"model": "normal", "mean_s": 0.12, "spread_s": 0.03, "loss": 0.01},
 }
-ERROR = encode(LateralError(0.5, 0.0), 0)
+ERROR = encode(error_of(0.5), 0)
 
 
 class FakePort:
@@ -211,8 +210,16 @@ def test_who_may_control_sends_frames_of_the_dbc_and_starts_nothing() -> None:
     _, answers = answers_to([LATENCY, gust, start, steer], may_control=True, port=port)
     assert answers == ["", "", NOT_OURS, NOT_OURS]
     assert port.sent == [
-        encode(LatencyConfig(Direction.DOWNLINK, LatencyModel.NORMAL, 0.12, 0.03, 0.01), 0),
-        encode(DisturbanceConfig(900.0, 0.0, 0.02, 0.7), 0),
+        encode(
+            latency_of(Direction.DOWNLINK, 0.12, 0.03, 0.01, model=LatencyModel.NORMAL),
+            0,
+        ),
+        encode(
+            message_with(
+                DisturbanceConfig, side_force_n=900.0, steering_offset_rad=0.02, friction_loss=0.7
+            ),
+            0,
+        ),
     ]
 
 

@@ -13,10 +13,8 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
     LateralError,
-    Mode,
     Rejection,
     SteeringCommand,
-    SteeringPlan,
     decode,
     encode,
 )
@@ -39,6 +37,7 @@ from steer_by_wire.tools.faults.live_faults import (
     list_lines,
     parse_fault,
 )
+from tests.support.frames.made_messages import command_of, plan_of
 
 BITRATE_BIT_S = 500_000
 START_NS = 7_000_000_000
@@ -190,7 +189,7 @@ def test_a_spoofed_command_is_a_valid_one_with_a_counter_of_its_own() -> None:
 
 def test_who_listens_forges_the_next_command_and_only_while_it_is_time() -> None:
     source = source_of("spoof_next,onset_s=1,magnitude=-0.2")
-    true = encode(SteeringCommand(0.1, 300, Mode.ACTIVE), 255)
+    true = encode(command_of(0.1, 300), 255)
     onset_ns = START_NS + NS_PER_S
     assert source.on_frame(true, onset_ns - 1) == ()
     assert source.on_frame(true, onset_ns + NS_PER_S) == ()
@@ -297,7 +296,7 @@ def test_the_next_frame_of_a_car_is_forged() -> None:
 
 
 def test_the_next_of_a_plan_is_a_command() -> None:
-    plan = encode(SteeringPlan(65_535, Mode.ACTIVE, 7, 2, *[0.1] * 18), 255)
+    plan = encode(plan_of([0.1] * 18, plan_number=65_535, first_sample=7, spacing=2), 255)
     following = OurFrames().next_of(plan, 0.25)
     assert following is not None
-    assert decode(following) == Decoded(SteeringCommand(0.25, 0, Mode.ACTIVE), 0)
+    assert decode(following) == Decoded(command_of(0.25), 0)

@@ -15,9 +15,10 @@ import pytest
 from steer_by_wire.closed_loop.recordings.foxglove_topics import FoxgloveTopics
 from steer_by_wire.dbc.codec.protection import COUNTERS
 from steer_by_wire.dbc.listening import OUR_MESSAGES
-from steer_by_wire.dbc.messages import Mode, SteeringCommand, encode
+from steer_by_wire.dbc.messages import encode
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.monitor.__main__ import ServedWatch
+from tests.support.frames.made_messages import command_of
 from tests.support.programs.running_program import PATIENCE_S
 
 pytestmark = pytest.mark.skipif(
@@ -30,7 +31,7 @@ _DATA = struct.Struct("<BIQ")
 async def keep_sending(watch: ServedWatch) -> None:
     """Hear commands until it is cancelled."""
     for counter in count():
-        frame = encode(SteeringCommand(0.25, 7, Mode.ACTIVE), counter % COUNTERS)
+        frame = encode(command_of(0.25, 7), counter % COUNTERS)
         watch.on_frame(frame, time.monotonic_ns())
         await asyncio.sleep(0.01)
 

@@ -34,6 +34,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines, strip_text
+from tests.support.frames.made_messages import command_of, error_of, message_with
 from tests.support.frames.recorded_frames import entries_in
 
 NS = 1_000_000_000
@@ -103,7 +104,7 @@ def test_one_late_command_is_late_by_as_much_as_it_came_late() -> None:
     watch = BusWatch(0)
     late_ns = {500: 7_000_000}
     for number in range(1000):
-        frame = encode(SteeringCommand(0.0, number, Mode.ACTIVE), number % 256)
+        frame = encode(command_of(0.0, number), number % 256)
         watch.on_frame(frame, number * 10_000_000 + late_ns.get(number, 0))
     lateness = watch.view(10 * NS).lateness
     assert lateness is not None
@@ -113,7 +114,7 @@ def test_one_late_command_is_late_by_as_much_as_it_came_late() -> None:
 
 def test_a_view_counts_what_is_refused_by_cause(entries: list[LogEntry]) -> None:
     now_ns = entries[-1].time_ns
-    good = encode(LateralError(0.0, 0.0), 0)
+    good = encode(error_of(), 0)
     bad = Frame(good.can_id, bytes([good.data[0] ^ 1]) + good.data[1:])
     foreign = [(now_ns, Frame(0x7A0 + number, b"")) for number in range(3)]
     view = view_of(
@@ -146,7 +147,7 @@ def test_a_second_sender_is_named_by_the_node_whose_messages_it_sends(
     second_sender: SecondSender, name: str
 ) -> None:
     watch = BusWatch(0)
-    status = PlantStatus(0.0, 0.0, 0, 0, SafetyState.HOLDING, second_sender)
+    status = message_with(PlantStatus, safety=SafetyState.HOLDING, second_sender=second_sender)
     watch.on_frame(encode(status, 0), NS)
     view = watch.view(NS)
     for text in (as_text(screen_lines(view, BUS, 80)), one_line(view)):
@@ -157,7 +158,7 @@ def test_a_controller_that_is_started_anew_is_followed() -> None:
     watch = BusWatch(0)
     for start, count in ((60_000, 300), (0, 300)):
         for number in range(start, start + count):
-            frame = encode(SteeringCommand(0.0, number, Mode.ACTIVE), number % 256)
+            frame = encode(command_of(0.0, number), number % 256)
             watch.on_frame(frame, (number - start + (start == 0) * 400) * 10_000_000)
     lateness = watch.view(7 * NS).lateness
     assert lateness is not None
