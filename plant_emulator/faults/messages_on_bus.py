@@ -6,6 +6,7 @@ faulty sender would. A value beyond its signal's range is sent as the end of tha
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -94,7 +95,12 @@ def _raws_outside(layout: MessageLayout) -> Iterator[tuple[int, int, int]]:
 
 
 _RAW_OUTSIDE = MappingProxyType(
-    {layout.can_id: next(_raws_outside(layout)) for layout in LAYOUTS if layout.data_id is not None}
+    {
+        layout.can_id: place
+        for layout in LAYOUTS
+        if layout.data_id is not None
+        for place in islice(_raws_outside(layout), 1)
+    }
 )
 _TYPES_BY_ID = {can_id: message_type for message_type, can_id in CAN_IDS.items()}
 
@@ -118,10 +124,14 @@ class _OurMessages:
         return frame._replace(can_id=_MOVED_TO.get(frame.can_id, frame.can_id))
 
     def outside(self, frame: Frame) -> Frame | None:
-        """Return the frame with a raw value outside its signal's range; None for an invalid one."""
-        if not isinstance(decode(frame), Decoded):
+        """Return the frame with a raw value outside its signal's range.
+
+        None for an invalid frame, or a message whose signals use all of their bits.
+        """
+        place = _RAW_OUTSIDE.get(frame.can_id)
+        if place is None or not isinstance(decode(frame), Decoded):
             return None
-        first, bits, raw = _RAW_OUTSIDE[frame.can_id]
+        first, bits, raw = place
         word = int.from_bytes(frame.data, "little") & ~((1 << bits) - 1 << first) | raw << first
         payload = bytearray(word.to_bytes(len(frame.data), "little"))
         protect(payload, DATA_IDS[_TYPES_BY_ID[frame.can_id]])
