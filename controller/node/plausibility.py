@@ -4,15 +4,19 @@ Each residual compares what two signals say of one motion, and forgets in FORGET
 
     heading   Δψ' - (r - V ρ)                 curvature or yaw rate wrong, speed wrong
     lateral   y' - (V Δψ + V β + l_s r)       lateral or heading error wrong, speed wrong
+    behind    the same, with V β of a vehicle that steers at the rear
     yaw       r - V δ/(L + K V²)              wheel angle or speed wrong
     command   δ - u                           the wheel does not do what the echo names
 
 with SAE 2018-01-1086 (1), the steady V β = (l_r - m l_f V²/(c_r L)) r and the understeer gradient K
-of the nominal vehicle. Only the heading is compared without one, and the command only for a law
-that sends no plans. A residual is implausible beyond its floor, which noise and side wind reach,
-plus a share of all that moved, which other vehicles reach; the signals are so once they have been
-for DEBOUNCE_S longer than they have not. What moves too little to show is not found, and does
-little harm.
+of the nominal vehicle; one that steers at the rear has V β = -(l_f + m l_r V²/(c_f L)) r. Which of
+the two it is never changes, and no signal tells. So the lateral error counts only from when the
+motion has shown that it is not steered at the rear. Only the heading is compared without a vehicle,
+and the command only for a law that sends no plans.
+
+A residual is implausible beyond its floor, which noise and side wind reach, plus a share of all
+that moved, which other vehicles reach; the signals are so once they have been for DEBOUNCE_S longer
+than they have not. What moves too little to show is not found, and does little harm.
 
 The means of all VEHICLE_STATE since the last judgement are judged with the controller's status.
 """
@@ -40,6 +44,7 @@ class Bound(NamedTuple):
 BOUNDS = {
     "heading": Bound(0.02, 0.1),  # rad
     "lateral": Bound(0.05, 0.15),  # m
+    "behind": Bound(0.05, 0.15),  # m
     "yaw": Bound(0.1, 0.3),  # rad
     "command": Bound(0.01, 0.08),  # rad s
 }
@@ -97,9 +102,10 @@ class Plausibility:
 
     def __init__(self, vehicle: NominalVehicle | None, *, has_plans: bool) -> None:
         self._vehicle = vehicle
-        by_vehicle = () if vehicle is None else ("lateral", "yaw")
+        by_vehicle = () if vehicle is None else ("lateral", "behind", "yaw")
         self._names = ("heading", *by_vehicle, *(() if has_plans else ("command",)))
         self.contradiction = ""
+        self._may_steer_behind = vehicle is not None
         self.restart()
 
     def restart(self) -> None:
@@ -123,12 +129,17 @@ class Plausibility:
             activity = kept * (activity + abs(one) + abs(other))
             residuals[name] = residual, activity
             floor, share = BOUNDS[name]
-            if abs(residual) > floor + share * activity:
+            is_beyond = abs(residual) > floor + share * activity
+            if name == "behind":
+                self._may_steer_behind &= not is_beyond
+            elif is_beyond:
                 beyond_s[name] += motion.lasted_s
-                if beyond_s[name] >= DEBOUNCE_S and not self.contradiction:
-                    self.contradiction = _IN_WORDS[name]
             elif beyond_s[name]:
                 beyond_s[name] = max(beyond_s[name] - motion.lasted_s, 0.0)
+        for name, lasted_s in beyond_s.items():
+            excused = name == "lateral" and self._may_steer_behind
+            if lasted_s >= DEBOUNCE_S and not excused and not self.contradiction:
+                self.contradiction = _IN_WORDS[name]
 
     def _moved(
         self, motion: Motion, error_m: float, heading_rad: float
@@ -140,10 +151,12 @@ class Plausibility:
             "command": (wheel_rad * lasted_s, command_rad * lasted_s),
         }
         if self._vehicle is not None:
-            m, _, _, c_r, l_f, l_r, l_s, _ = self._vehicle
+            m, _, c_f, c_r, l_f, l_r, l_s, _ = self._vehicle
             length = l_f + l_r
             side_m = l_r - m * l_f * v * v / (c_r * length)
+            rear_m = -l_f - m * l_r * v * v / (c_f * length)
             steer_m = length + understeer_gradient_s2_m(self._vehicle) * v * v
             moved["lateral"] = (error_m - along * lasted_s, (side_m + l_s) * r * lasted_s)
+            moved["behind"] = (error_m - along * lasted_s, (rear_m + l_s) * r * lasted_s)
             moved["yaw"] = (r * lasted_s, v * wheel_rad / steer_m * lasted_s)
         return moved

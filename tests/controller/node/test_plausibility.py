@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire import Run, simulate
+from steer_by_wire import Run, VehicleModel, simulate
+from steer_by_wire import VehicleState as VehicleMotion
 from steer_by_wire.controller.node.plausibility import BOUNDS, DEBOUNCE_S, Plausibility, mean_motion
 from steer_by_wire.controller.node.report_in_words import controller_summary
 from steer_by_wire.controller.settings import controller_preset
@@ -135,6 +136,43 @@ def test_a_curvature_that_is_too_large_is_found_at_twice_and_not_at_a_fifth_more
 
 
 # Without any
+
+
+def rear_steered(p: Any, x: VehicleMotion, u: Any, _own: Any) -> VehicleMotion:
+    """Return the rates of a vehicle whose rear wheels turn, by the angle of ours, to the right."""
+    v, l_f, l_r = p.speed_m_s, p.front_axle_distance_m, p.rear_axle_distance_m
+    front = -p.front_cornering_stiffness_n_rad * (x.side_slip_rad + l_f * x.yaw_rate_rad_s / v)
+    slip_rad = -u.wheel_rad - x.side_slip_rad + l_r * x.yaw_rate_rad_s / v
+    rear = p.rear_cornering_stiffness_n_rad * slip_rad
+    return VehicleMotion(
+        (front + rear) / (p.virtual_mass_kg * v) - x.yaw_rate_rad_s,
+        (l_f * front - l_r * rear) / p.yaw_inertia_kg_m2,
+        x.yaw_rate_rad_s - v * u.curvature_1_m,
+        v * x.side_slip_rad + p.preview_distance_m * x.yaw_rate_rad_s + v * x.heading_error_rad,
+    )
+
+
+REAR_STEERED = VehicleModel(rear_steered)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_drawn_vehicle_that_steers_at_the_rear_raises_no_alarm(seed: int) -> None:
+    rng = np.random.default_rng([58, seed])
+    of = {
+        "speed_m_s": rng.uniform(1.0, 4.0),
+        "virtual_mass_kg": rng.uniform(2000.0, 6000.0),
+        "yaw_inertia_kg_m2": rng.uniform(3000.0, 7000.0),
+        "front_cornering_stiffness_n_rad": rng.uniform(1e5, 3e5),
+        "rear_cornering_stiffness_n_rad": rng.uniform(1e5, 3e5),
+        "front_axle_distance_m": rng.uniform(0.5, 1.2),
+        "rear_axle_distance_m": rng.uniform(0.6, 1.2),
+        "preview_distance_m": rng.uniform(1.0, 2.5),
+    }
+    own = {"controller.nominal_model": {"kind": "vehicle", **of}}
+    vehicle = {f"plant.vehicle.{key}": value for key, value in of.items()}
+    done = run("practical_pd", [], seed, **own, **vehicle, **{"plant.vehicle.model": REAR_STEERED})
+    assert done.plant_report["verdict"] == "holds"
+    assert done.controller_report["contradiction"] == ""
 
 
 def ordinary(seed: int) -> tuple[str, str, dict[str, Any]]:
