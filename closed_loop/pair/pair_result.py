@@ -13,11 +13,16 @@ from ...plant_emulator.evaluation.run_record import PlantSample, place
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
+from ...runtime.bus_model.settings import BusSettings
 from ...runtime.output_file import write_text
+from ...runtime.settings.settings import DIGESTS
 from ...runtime.settings.toml_text import dump_toml
+from .named_files import digest_lines, with_absolute_names
 
 PLANT_PROGRAM, CONTROLLER_PROGRAM = "plant_emulator", "controller"
 """Names of the programs, and of their packages."""
+BUS = "bus"
+"""Name of the file with the settings of the bus."""
 
 
 class PairFiles(NamedTuple):
@@ -39,23 +44,41 @@ class PairFiles(NamedTuple):
         """The settings one program is run with, TOML."""
         return self.folder / f"{program}.toml"
 
-    def write_settings(self, plant: PlantSettings, controller: ControllerSettings | None) -> None:
-        """Write the settings of both programs, or of the plant alone; makes the folder."""
+    def write_settings(
+        self,
+        plant: PlantSettings,
+        controller: ControllerSettings | None,
+        bus: BusSettings | None = None,
+        others: Sequence[Path] = (),
+    ) -> None:
+        """Write what ``settings_texts`` returns; makes the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        for name, text in self.settings_texts(plant, controller).items():
+        for name, text in self.settings_texts(plant, controller, bus, others).items():
             if text is not None:
                 write_text(self.folder / name, text)
 
     def settings_texts(
-        self, plant: PlantSettings, controller: ControllerSettings | None
+        self,
+        plant: PlantSettings,
+        controller: ControllerSettings | None,
+        bus: BusSettings | None = None,
+        others: Sequence[Path] = (),
     ) -> dict[str, str | None]:
-        """Return the settings of both programs by the name of their file; None without any."""
-        return {
-            self.settings(PLANT_PROGRAM).name: dump_toml(plant),
-            self.settings(CONTROLLER_PROGRAM).name: None
-            if controller is None
-            else dump_toml(controller),
+        """Return the settings by the name of their file, None for those that there are not.
+
+        One more file has the digests of the files that they name, and of ``others``: settings next
+        to which it lies are refused once a file has changed.
+        """
+        named = {PLANT_PROGRAM: plant, CONTROLLER_PROGRAM: controller, BUS: bus}
+        absolute = {
+            name: None if settings is None else with_absolute_names(settings)
+            for name, settings in named.items()
         }
+        texts = {
+            self.settings(name).name: None if settings is None else dump_toml(settings)
+            for name, settings in absolute.items()
+        }
+        return texts | {DIGESTS: digest_lines(filter(None, absolute.values()), others) or None}
 
     def report(self, program: str) -> Path:
         """The report of one program, JSON."""

@@ -23,7 +23,9 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.command_line import installation
 from ...runtime.output_file import open_text, write_text
+from ...runtime.settings.settings import DIGESTS
 from ...runtime.settings.toml_text import dump_toml
+from ..pair.named_files import digest_lines, with_absolute_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -230,7 +232,8 @@ class Run(NamedTuple):
     def save(self, folder: str | Path) -> None:
         """Write settings and tables: plant.toml, controller.toml, plant.csv, controller.csv.
 
-        ``simulate(folder / "plant.toml", folder / "controller.toml")`` repeats the run.
+        ``simulate(folder / "plant.toml", folder / "controller.toml")`` repeats the run, or is
+        refused once a file that the settings name has changed: files.sha256 has their digests.
         Raises OSError.
         """
         folder = Path(folder)
@@ -239,11 +242,14 @@ class Run(NamedTuple):
             ("plant", self.plant_settings, self.plant),
             ("controller", self.controller_settings, self.controller),
         ):
-            write_text(folder / f"{name}.toml", dump_toml(settings))
+            write_text(folder / f"{name}.toml", dump_toml(with_absolute_names(settings)))
             with open_text(folder / f"{name}.csv") as file:
                 writer = csv.writer(file, lineterminator="\n")
                 writer.writerow(table._fields)
                 writer.writerows(zip(*(column.tolist() for column in table), strict=True))
+        write_text(
+            folder / DIGESTS, digest_lines((self.plant_settings, self.controller_settings), ())
+        )
 
 
 def _rms_m(values_m: FloatArray) -> float:

@@ -5,21 +5,17 @@
 so that runs that share a network, and differ only in the controller, are consecutive.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...controller.laws import LAWS
-from ...controller.laws.plugin_law import place_of
 from ...dbc.bus_language import read_language
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.faults.messages_on_bus import naming
 from ...runtime.settings import SettingsError
+from ..pair.named_files import digest, named_files
 from .base_settings import (
     Tables,
     bus_tables,
@@ -32,10 +28,6 @@ from .factors import Design, Factor, in_grid_order, make_design, make_factor
 from .study_file import SamplingKind, StudySettings, read_study
 
 RUNS_MAX = 2**40
-FILE_KEYS = ("trace_file", "file")
-"""Settings of the plant that name a file; the results depend on its content."""
-PART_KEYS = ("law", "model")
-"""Settings that may name a part of another package; the results depend on its module."""
 COLUMNS_TAKEN = (
     *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
     *COLUMNS,
@@ -86,11 +78,12 @@ class Study(NamedTuple):
     @property
     def identity(self) -> str:
         """All that determines the results, as JSON; equal for equal studies."""
-        databases = [{"file": file} for file in (self.bus or {}).get("rest_bus", ())]
+        databases = [self.bus or {}]
         databases += [{"file": str(file)} for file in read_language(self.dialect).files]
         programs = [{"file": word} for words in self.commands.values() for word in words]
         tables = [self.plant, *self.plant_of.values(), *self.controllers.values()]
-        files = _digests([*tables, *_values(self.design), *databases, *programs])
+        named = named_files([*tables, *_values(self.design), *databases, *programs])
+        files = {name: digest(file) for name, file in named.items()}
         return json.dumps(
             {
                 "version": version("steer-by-wire-emulator"),
@@ -188,36 +181,6 @@ def _refuse_unread(study: Study) -> None:
 
 def _values(design: Design) -> list[Any]:
     return [dict(level.values) for factor in design.factors for level in factor.levels or ()]
-
-
-def _digests(values: Any) -> dict[str, str]:
-    """Return the SHA-256 of every file and every module of another package that is named."""
-    if isinstance(values, list):
-        return {name: text for value in values for name, text in _digests(value).items()}
-    found: dict[str, str] = {}
-    for key, value in values.items() if isinstance(values, dict) else ():
-        if isinstance(value, str):
-            with suppress(OSError):  # reported with the settings that name it
-                file = _file_of(key.split(".")[-1], value)
-                if file is not None:
-                    found[value] = hashlib.sha256(file.read_bytes()).hexdigest()
-        else:
-            found |= _digests(value)
-    return found
-
-
-def _file_of(key: str, value: str) -> Path | None:
-    """Return the file that a setting names, itself or by a part of another package."""
-    if key in FILE_KEYS:
-        return Path(value)
-    place = place_of(value) if key in PART_KEYS and value not in LAWS else None
-    if place is None:
-        return None
-    try:
-        found = find_spec(place.partition(":")[0])
-    except (ImportError, ValueError):  # reported with the settings that name it
-        return None
-    return None if found is None or found.origin is None else Path(found.origin)
 
 
 def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:

@@ -14,6 +14,7 @@ Types are strict, so that ``speed_m_s = "10"`` and ``gain = true`` are refused i
 """
 
 import codecs
+import hashlib
 import json
 import re
 import tomllib
@@ -31,6 +32,8 @@ OffWord = Annotated[Literal["off"], Tag("word")]
 """Stands for no limit, beside a number with ``Tag("number")``: TOML has no null."""
 NUMBER_OR_WORD = Discriminator(lambda value: "word" if isinstance(value, str) else "number")
 """Selects one of the two, so that a mistake is reported once."""
+DIGESTS = "files.sha256"
+"""File in the folder of a run: the digests of the files that its settings name."""
 COMMAND_LINE = "command line"
 """The source of ``--set`` and of the options that are short for it."""
 _KIND = "kind"
@@ -136,6 +139,7 @@ def load_settings(
         source = f"preset {preset.name}"
         _merge(merged, _parse(preset.text, source), source, (), sources)
     if file is not None:
+        _refuse_changed_files(file.with_name(DIGESTS))
         _merge(merged, _parse(read_text(file), str(file)), str(file), (), sources)
     if shared is not None:
         _merge(merged, shared.content, shared.source, (), sources)
@@ -212,6 +216,23 @@ def read_text(file: Path) -> str:
         ) from error
     except ValueError as error:  # a NUL in its name
         raise SettingsError(f"{file}: cannot be read: {error}") from error
+
+
+def _refuse_changed_files(digests: Path) -> None:
+    """Refuse settings where a file that they name is another one now; raises SettingsError."""
+    if not digests.exists():
+        return
+    for line in read_text(digests).splitlines():
+        digest, _, name = line.partition("  ")
+        try:
+            content = Path(name).read_bytes()
+        except (OSError, ValueError) as error:
+            raise SettingsError(f"{digests}: {name or line}: cannot be read: {error}") from error
+        if hashlib.sha256(content).hexdigest() != digest:
+            raise SettingsError(
+                f"{digests}: {name} has changed since the run in this folder: put its content of"
+                " that time back, or remove its line here to run with the new one"
+            )
 
 
 def _parse(text: str, source: str) -> dict[str, Any]:

@@ -19,7 +19,12 @@ from functools import partial
 from pathlib import Path
 
 from steer_by_wire.closed_loop.pair.agreed_point import judged_like
-from steer_by_wire.closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
+from steer_by_wire.closed_loop.pair.pair_result import (
+    BUS,
+    CONTROLLER_PROGRAM,
+    PLANT_PROGRAM,
+    PairFiles,
+)
 from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
@@ -41,7 +46,6 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.bus_options import (
     add_error_arguments,
     add_traffic_arguments,
@@ -52,7 +56,6 @@ from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argumen
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import show_or_write, write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.run.result import (
     CONTROLLER_PREFIX,
     NAME,
@@ -70,8 +73,6 @@ from steer_by_wire.tools.run.side_options import (
     preset_name,
 )
 
-BUS = "bus"
-"""Name of the file with the settings of the bus."""
 CONTROLLER_PRESET = "practical_pd_ddob"
 """The controller's settings unless others are given."""
 
@@ -128,12 +129,10 @@ def _run(options: argparse.Namespace) -> int:
     bus = _bus_settings(options)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
-        refuse_another_run(
-            files.folder,
-            files.settings_texts(plant_settings, ours) | {files.settings(BUS).name: dump_toml(bus)},
-        )
-        files.write_settings(plant_settings, ours)
-        write_text(files.settings(BUS), dump_toml(bus))
+        words = () if ours is not None else options.controller_command
+        named = (plant_settings, ours, bus, [*language.files, *map(Path, words)])
+        refuse_another_run(files.folder, files.settings_texts(*named))
+        files.write_settings(*named)
     log = files and files.candump_log
     if ours is not None:
         language.refuse_law(ours.law_that_reads_the_vehicle)

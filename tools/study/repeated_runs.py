@@ -8,23 +8,21 @@ run of a study with a bus is repeated on that bus.
 import math
 import shlex
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...closed_loop.pair.pair_result import PairFiles, Trace
+from ...closed_loop.pair.pair_result import BUS, PairFiles, Trace
 from ...closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from ...closed_loop.studies.compiled_figures import COLUMNS, COUNTS, Figures, rules_of, verdict_of
 from ...closed_loop.studies.compiled_runs import Computer
 from ...closed_loop.studies.node_runs import TICKS_MAX, figures_of_trace, followed_error_m
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.scenario import Pair
+from ...dbc.bus_language import read_language
 from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
-from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
-from ...runtime.settings.toml_text import dump_toml
-
-BUS = "bus"
 
 
 class Replay(NamedTuple):
@@ -56,10 +54,10 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
         raise SettingsError(f"--replay {run}: the study has runs 0 to {study.runs - 1}")
     pair = scenarios.pair(run)
     files = PairFiles(store.folder / "replay" / str(run))
-    files.write_settings(pair.plant, pair.controller)
+    others = [*read_language(pair.dialect).files, *map(Path, pair.command)]
+    files.write_settings(pair.plant, pair.controller, pair.bus, others)
     stored = store.find(run)
     if pair.bus is not None:
-        write_text(files.settings(BUS), dump_toml(pair.bus))
         nodes = _computed(computer, pair)
         return Replay(pair, files, stored, stored or nodes, nodes)
     expected = stored or _computed(computer, pair)

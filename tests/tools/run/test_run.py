@@ -79,6 +79,46 @@ def test_the_command_it_prints_makes_the_same_run_again(
         assert (second / file.name).read_bytes() == file.read_bytes()
 
 
+NAMED = {
+    "lte.csv": ("latency_s\n0.1\n", "--set=plant.latency.downlink.trace_file={}"),
+    "way.csv": ("x_m,y_m\n0,0\n9,0\n99,5\n", '--set=plant.path={{kind="waypoints",file="{}"}}'),
+    "own_law.py": (
+        "from steer_by_wire.controller.laws import LAWS\nLAW = LAWS['pd']\n",
+        "--set=controller.law={.stem}:LAW",
+    ),
+}
+"""By the name of a file: its content, and the option that names it."""
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_run_is_repeated_from_any_folder_or_refused_once_a_named_file_has_changed(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, option = NAMED[name]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    named = Path(name)
+    named.write_text(text, encoding="utf-8")
+    arguments = ["--preset=practical_pd", "--duration=1", option.format(named), "--out=first"]
+    assert closed_loop.main(arguments) == 0
+    other = tmp_path / "other"
+    other.mkdir()
+    monkeypatch.chdir(other)
+    again = [
+        str(tmp_path / "first" / "plant_emulator.toml"),
+        *("--controller", str(tmp_path / "first" / "controller.toml")),
+        *("--bus-settings", str(tmp_path / "first" / "bus.toml")),
+    ]
+    assert closed_loop.main([*again, "--out=second"]) == 0
+    logs = [folder / "candump.log" for folder in (tmp_path / "first", other / "second")]
+    assert logs[0].read_bytes() == logs[1].read_bytes()
+    (tmp_path / name).write_text(text + "\n", encoding="utf-8")
+    capsys.readouterr()
+    assert closed_loop.main([*again, "--out=third"]) == ExitStatus.SETTINGS
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{tmp_path / name} has changed since the run" in line
+
+
 def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
     command = [
         sys.executable,
