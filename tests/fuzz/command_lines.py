@@ -37,10 +37,8 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     ),
     "tools.demo.__main__": (".open_channels",),
     "tools.design.__main__": ("tools.design.program.worker_pool",),
-    "tools.doctor.__main__": (
-        "tools.doctor.checks.examine", "tools.doctor.kept_rate.measure",
-    ),
-    "tools.faults.__main__": (".open_port", ".ProcessFault"),
+    "tools.doctor.__main__": ("tools.doctor.checks.examine",),
+    "tools.faults.__main__": (".open_port",),
     "tools.monitor.__main__": (".open_port",),
     "tools.paper.__main__": (".reproduce_all",),
     "tools.study.__main__": ("closed_loop.studies.result_files.Store.open",),
@@ -65,7 +63,7 @@ _WORDS = (
     "latency.downlink.mean_s=0.1", "path.kind=waypoints", "path.file=\"noise.bin\"", "rate_hz=1e9",
     "\udcff", "\x1b[31m", "ÿ☃\U0001f600", "a b", "=", "x=", "=x", "figure", "6", "2", "auto",
     "host", "true", "controller", "delay 10ms", "vcan0,vcan0", "out\udcff.json", "out\n.log",
-    "babble", "noise,seed=1", "replay,onset_s=0.1", "pause,pid=7", "kill,pid=-1",
+    "babble", "noise,seed=1", "spoof,onset_s=0.1",
     "spoof,magnitude=nan",
 )  # fmt: skip
 

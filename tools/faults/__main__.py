@@ -1,13 +1,11 @@
-"""Inject faults into a live bus and into live processes, at set times and with a seed.
+"""Inject faults into a live bus, at set times and with a seed.
 
     steer-by-wire faults babble,onset_s=2,duration_s=1 -i emulated -c can0
     steer-by-wire faults spoof,magnitude=0.3 noise,onset_s=3 -i socketcan -c vcan0
-    steer-by-wire faults pause,onset_s=1,duration_s=0.5,pid=4711
     steer-by-wire faults --list
 
-Times count from the line "ready". Ctrl-C ends it in order; a process that it has stopped is
-continued however the run ends. Faults that a run draws from its settings are ``[[faults]]`` of the
-plant.
+Times count from the line "ready". Ctrl-C ends it in order. Faults that a run draws from its
+settings are ``[[faults]]`` of the plant.
 """
 
 import argparse
@@ -17,9 +15,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 
-from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand, SteeringPlan
 from steer_by_wire.runtime.command_line import (
@@ -30,32 +26,22 @@ from steer_by_wire.runtime.command_line import (
     whole_number,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.frame import EXTENDED, FD
+from steer_by_wire.runtime.frame import EXTENDED
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
-from steer_by_wire.runtime.port.port import ClosablePort, open_port
-from steer_by_wire.runtime.port.python_can import BusPort, shutting_down
-from steer_by_wire.runtime.port.socketcan import SocketCanPort
+from steer_by_wire.runtime.port.port import open_port
+from steer_by_wire.runtime.port.python_can import shutting_down
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.faults.fault_frames import Timed, frame_source, recording_of
+from steer_by_wire.tools.faults.fault_frames import frame_source
 from steer_by_wire.tools.faults.forged_frames import ForgedFrames, OurFrames
 from steer_by_wire.tools.faults.injection import Action, Injection
-from steer_by_wire.tools.faults.live_faults import (
-    MAGNITUDES,
-    LiveFault,
-    LiveKind,
-    list_lines,
-    parse_fault,
-)
-from steer_by_wire.tools.faults.process_faults import ProcessFault
+from steer_by_wire.tools.faults.live_faults import LiveFault, list_lines, parse_fault
 
 NAME = "steer-by-wire faults"
 FAULTS_MAX = 100
 SEED_MAX = 1 << 32
-REPLAY_FRAMES_MAX = 2_000_000
-"""Ten minutes of a full bus."""
 BITRATE_BIT_S = 500_000
 
 
@@ -68,7 +54,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], see --list"
     )
     parser.add_argument("--list", action="store_true", help="list the faults")
-    parser.add_argument("--recording", type=Path, metavar="FILE", help="the log that replay sends")
     seed = whole_number(0, SEED_MAX)
     seed_help = "seed of all random numbers (default: %(default)s)"
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help=seed_help)
@@ -83,37 +68,21 @@ def _run(options: argparse.Namespace) -> int:
         print("\n".join(list_lines()))
         return ExitStatus.OK
     faults = _faults(options)
-    recording = _recording(options, faults)
     forged = _forged(read_language(options.dialect))
     stop = StopRequest()
     with ExitStack() as stack:
-        port = None
-        if any(fault.kind in MAGNITUDES for fault in faults):
-            opened = open_port(options, _received(forged))
-            stack.enter_context(shutting_down(opened.port))
-            port, where = opened.port, opened.description
-            _refuse_fd_on_a_classic_bus(options, recording, port)
-        else:
-            where = "no bus"
+        opened = open_port(options, _received(forged))
+        stack.enter_context(shutting_down(opened.port))
         stack.enter_context(stop.on_signals())
         start_ns = time.monotonic_ns()
         bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
         sources = [
-            frame_source(fault, start_ns, seed, bitrate, forged, recording)
+            frame_source(fault, start_ns, seed, bitrate, forged)
             for seed, fault in enumerate(faults, options.seed * FAULTS_MAX)
-            if fault.kind in MAGNITUDES
         ]
-        processes: list[ProcessFault] = []
-        injection = Injection(port, sources, processes, start_ns, _print_action)
-        with injection.running():
-            for fault in faults:
-                # One by one: if a later one cannot be taken, those already taken are released.
-                if fault.kind not in MAGNITUDES:
-                    process = ProcessFault(fault, start_ns)
-                    processes.append(process)
-                    say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
-            say(NAME, f"ready on {where}, seed {options.seed}")
-            is_over = injection.run(stop)
+        injection = Injection(opened.port, sources, start_ns, _print_action)
+        say(NAME, f"ready on {opened.description}, seed {options.seed}")
+        is_over = injection.run(stop)
     if options.json is not None:
         report = {
             "seed": options.seed,
@@ -149,36 +118,6 @@ def _received(forged: ForgedFrames) -> frozenset[int] | None:
         return frozenset({CAN_IDS[SteeringCommand], CAN_IDS[SteeringPlan]})
     command = forged.command(0.0, 0)
     return None if command.flags & EXTENDED else frozenset({command.can_id})
-
-
-def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list[Timed]:
-    if not any(fault.kind is LiveKind.REPLAY for fault in faults):
-        return []
-    if options.recording is None:
-        raise SettingsError("replay: needs a log, by --recording FILE")
-    frames = []
-    for logged in open_log(options.recording):
-        if logged.time_ns is None:
-            raise SettingsError(f"{options.recording}: has no times to send its frames at")
-        frames.append((logged.time_ns, logged.frame))
-        if len(frames) > REPLAY_FRAMES_MAX:
-            raise SettingsError(f"{options.recording}: has over {REPLAY_FRAMES_MAX} frames")
-    found = recording_of(frames)
-    if not found:
-        raise SettingsError(f"{options.recording}: has error frames only")
-    return found
-
-
-def _refuse_fd_on_a_classic_bus(
-    options: argparse.Namespace, recording: Sequence[Timed], port: ClosablePort
-) -> None:
-    """Raise SettingsError where a replay would end at its first CAN FD frame."""
-    has_fd = any(one.frame.flags & FD for one in recording)
-    if has_fd and isinstance(port, BusPort | SocketCanPort) and not port.takes_fd:
-        raise SettingsError(
-            f"{options.recording}: has CAN FD frames, and the bus takes classic ones only;"
-            " give --fd, if it can carry them"
-        )
 
 
 def _print_action(action: Action) -> None:

@@ -6,10 +6,9 @@ it to ``FrameSource``, which returns when its next frame is due [ns].
 
 import random
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
 
 from ...dbc.messages import COMMAND_COUNTERS
-from ...runtime.frame import ERROR, Frame
+from ...runtime.frame import Frame
 from ...runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from ...runtime.node import NEVER_NS, NS_PER_S
 from .forged_frames import ForgedFrames
@@ -22,13 +21,6 @@ FRAMES_AT_ONCE = 200
 _HIGHEST_PRIORITY_ID = 0x000
 Produce = Callable[[int], Sequence[Frame]]
 """Frames of one place in the sequence."""
-
-
-class Timed(NamedTuple):
-    """A frame of a recording, and when it was sent after the first one [ns]."""
-
-    offset_ns: int
-    frame: Frame
 
 
 class FrameSource:
@@ -77,22 +69,14 @@ class FrameSource:
 
 
 def frame_source(
-    fault: LiveFault,
-    start_ns: int,
-    seed: int,
-    bitrate_bit_s: int,
-    forged: ForgedFrames,
-    recording: Sequence[Timed] = (),
+    fault: LiveFault, start_ns: int, seed: int, bitrate_bit_s: int, forged: ForgedFrames
 ) -> FrameSource:
-    """Return the source of a fault that acts by frames, not on a process.
+    """Return the source of a fault.
 
-    ``seed``       of the fault: what is random in it is a function of that and the place
-    ``forged``     makes the frames of a bus
-    ``recording``  what a replay sends
+    ``seed``    of the fault: what is random in it is a function of that and the place
+    ``forged``  makes the frames of a bus
     """
     draws = random.Random(seed)  # noqa: S311 it has to be repeatable
-    if fault.kind is LiveKind.REPLAY:
-        return _replay(fault, start_ns, recording)
     if fault.kind is LiveKind.SPOOF_NEXT:
 
         def follow(frame: Frame) -> Sequence[Frame]:
@@ -135,22 +119,9 @@ def _producer(fault: LiveFault, draws: random.Random, forged: ForgedFrames) -> P
     return lambda index: tuple(map(spoil, true_ones(first + index)))
 
 
-def _replay(fault: LiveFault, start_ns: int, recording: Sequence[Timed]) -> FrameSource:
-    def offset_ns(index: int) -> int:
-        if index >= len(recording):
-            return NEVER_NS
-        return round(recording[index].offset_ns / fault.magnitude)
-
-    return FrameSource(fault, start_ns, lambda index: (recording[index].frame,), offset_ns)
-
-
-def babble(can_id: int, number: int) -> Frame:
-    """Return a babbling node's frame: its payload counts, so that a recording shows what misses."""
-    return Frame(can_id, number.to_bytes(8, "little"))
-
-
 def _babble(index: int) -> Sequence[Frame]:
-    return (babble(_HIGHEST_PRIORITY_ID, index),)
+    """Return a frame whose payload counts, so that a recording shows what misses."""
+    return (Frame(_HIGHEST_PRIORITY_ID, index.to_bytes(8, "little")),)
 
 
 def _babble_times(fault: LiveFault, bitrate_bit_s: int) -> Callable[[int], int]:
@@ -175,9 +146,3 @@ def _noise(draws: random.Random, received: Sequence[Frame]) -> Frame:
     is_received = draws.random() < 0.5
     chosen = draws.choice(received) if is_received else Frame(draws.randrange(0x800), b"")
     return chosen._replace(data=draws.randbytes(draws.randrange(9)))
-
-
-def recording_of(frames: Sequence[tuple[int, Frame]]) -> list[Timed]:
-    """Return the frames of a log that can be sent again, in the order of their times [ns]."""
-    sendable = sorted((one for one in frames if not one[1].flags & ERROR), key=lambda one: one[0])
-    return [Timed(time_ns - sendable[0][0], frame) for time_ns, frame in sendable]

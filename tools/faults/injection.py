@@ -1,15 +1,13 @@
-"""Injects faults into a bus and processes, and records what was done and when."""
+"""Injection of faults into a bus, and a record of what was done and when."""
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from ...runtime.node import NS_PER_S
 from ...runtime.port.port import ClosablePort
 from .fault_frames import FrameSource
-from .process_faults import ProcessFault
 
 TURN_NS = 1_000_000
 """Pause when the bus is full: it carries four frames meanwhile and has 64 of ours ready."""
@@ -32,22 +30,16 @@ class Action(NamedTuple):
 
 
 class Injection:
-    """Runs faults; use ``running`` so that no process stays stopped.
-
-    ``port``      of the bus; None when no fault needs one
-    ``report``    is called with each action when it is done
-    """
+    """Runs faults on the bus of ``port``; ``report`` is called with each action when it is done."""
 
     def __init__(
         self,
-        port: ClosablePort | None,
+        port: ClosablePort,
         sources: Sequence[FrameSource],
-        process_faults: Sequence[ProcessFault],
         start_ns: int,
         report: Callable[[Action], None],
     ) -> None:
         self._port = port
-        self._process_faults = process_faults
         self._start_ns = start_ns
         self._report = report
         self._waiting = list(sources)
@@ -56,35 +48,20 @@ class Injection:
         self.actions: list[Action] = []
         self.results: list[dict[str, Any]] = []
 
-    @contextmanager
-    def running(self) -> Iterator[None]:
-        """At the end of the block, undo what lasts and record what has not ended."""
-        try:
-            yield
-        finally:
-            for process in self._process_faults:
-                done = process.close()
-                if done:
-                    self._note(process.fault.kind, f"{done} to {process.where}")
-            for source in self._active:
-                self._end(source, "cut short")
-
     def run(self, stop: Callable[[], bool]) -> bool:
         """Inject until all is over or ``stop``; returns whether all is over. Raises BusError."""
         while not stop():
             now_ns = time.monotonic_ns()
             was_refused = self._turn(now_ns)
-            if self._is_over():
+            if not self._waiting and not self._active:
                 return True
             self._listen(self._next_ns(now_ns, was_refused))
+        for source in self._active:
+            self._end(source, "cut short")
         return False
 
     def _turn(self, now_ns: int) -> bool:
         """Do what is due; returns whether the bus had no room."""
-        for process in self._process_faults:
-            done = process.act(now_ns)
-            if done:
-                self._note(process.fault.kind, f"{done} to {process.where}")
         for source in [one for one in self._waiting if one.onset_ns <= now_ns]:
             self._waiting.remove(source)
             self._active.append(source)
@@ -101,22 +78,18 @@ class Injection:
         return was_refused
 
     def _send(self, source: FrameSource, frame: Any) -> bool:
-        has_room = self._port is not None and self._port.send(frame)
+        has_room = self._port.send(frame)
         (self._sent if has_room else self._refused)[source] += 1
         return has_room
 
     def _next_ns(self, now_ns: int, was_refused: bool) -> int:
         times = [one.onset_ns for one in self._waiting]
         times += [min(one.next_due_ns, one.end_ns) for one in self._active]
-        times += [one.next_due_ns for one in self._process_faults if one.next_due_ns is not None]
         earliest_ns = now_ns + (TURN_NS if was_refused else 0)
         return max(min([*times, now_ns + _WAIT_NS_MAX]), earliest_ns)
 
     def _listen(self, until_ns: int) -> None:
         """Receive frames until then; faults that listen answer at once."""
-        if self._port is None:
-            time.sleep(max(until_ns - time.monotonic_ns(), 0) / NS_PER_S)
-            return
         for _ in range(_RECEIVED_PER_TURN_MAX):
             received = self._port.recv(max(until_ns - time.monotonic_ns(), 0) / NS_PER_S)
             if received is None:
@@ -124,10 +97,6 @@ class Injection:
             for source in self._active:
                 for answer in source.on_frame(received.frame, time.monotonic_ns()):
                     self._send(source, answer)
-
-    def _is_over(self) -> bool:
-        is_done = all(process.next_due_ns is None for process in self._process_faults)
-        return is_done and not self._waiting and not self._active
 
     def _end(self, source: FrameSource, how: str) -> None:
         sent, refused = self._sent[source], self._refused[source]

@@ -1,10 +1,9 @@
 """The faults of a live bus: their kinds, the magnitude of each, and how they are written.
 
-    KIND[,KEY=VALUE...]      babble,onset_s=2,duration_s=1   pause,pid=4711,duration_s=0.5
+    KIND[,KEY=VALUE...]      babble,onset_s=2,duration_s=1
 
-An injector is one more node: it can add frames to a bus, and stop or kill a process of its user.
-Faults that change what others send (loss, delay, stuck signals) belong to the fault stage at the
-plant's edge, ``plant_emulator.faults.stage``.
+An injector is one more node: it can add frames to a bus. Faults that change what others send, such
+as loss and delay, belong to the fault stage at the plant's edge, ``plant_emulator.faults.stage``.
 """
 
 import math
@@ -16,8 +15,6 @@ from typing import NamedTuple
 from ...runtime.settings.mistakes import meant
 
 TIME_S_MAX = 1e5
-PID_MAX = 1 << 22
-"""The largest process number that Linux can be configured for."""
 RECEIVERS = ("plant", "controller", "both")
 
 
@@ -30,18 +27,12 @@ class LiveKind(StrEnum):
     """Commands with a valid CRC and a counter of the intruder's own."""
     SPOOF_NEXT = "spoof_next"
     """After each command a forged one with the next counter: the intruder reads the bus."""
-    REPLAY = "replay"
-    """A recording is sent again."""
     BIT_FLIPS = "bit_flips"
     WRONG_LENGTH = "wrong_length"
     WRONG_IDENTIFIER = "wrong_identifier"
     """The content of another message, with that one's valid CRC."""
     NOISE = "noise"
     """Random bytes and lengths; half under identifiers that are received, half under any."""
-    KILL = "kill"
-    """SIGKILL."""
-    PAUSE = "pause"
-    """SIGSTOP, and SIGCONT at the end: to the process, its clock has jumped."""
 
 
 class LiveMagnitude(NamedTuple):
@@ -59,29 +50,23 @@ MAGNITUDES: Mapping[LiveKind, LiveMagnitude] = MappingProxyType(
         LiveKind.BABBLE: LiveMagnitude("share of the bus; 1: always a frame ready", 0.01, 1.0, 1.0),
         LiveKind.SPOOF: LiveMagnitude("steer in rad", -1.3, 1.3, 0.5),
         LiveKind.SPOOF_NEXT: LiveMagnitude("steer in rad", -1.3, 1.3, 0.5),
-        LiveKind.REPLAY: LiveMagnitude("speed; 1: as recorded", 0.01, 100.0, 1.0),
         LiveKind.BIT_FLIPS: LiveMagnitude("probability that a bit flips", 1e-3, 0.5, 0.05),
         LiveKind.WRONG_LENGTH: LiveMagnitude("bytes that are left", 0, 7, 5, True),
         LiveKind.WRONG_IDENTIFIER: LiveMagnitude("frames/s", 1.0, 2000.0, 100.0),
         LiveKind.NOISE: LiveMagnitude("frames/s", 1.0, 2000.0, 500.0),
     }
 )
-"""Of the faults that send frames; those of a process have none."""
-_TIMES = ("onset_s", "duration_s")
 _MALFORMED = (LiveKind.BIT_FLIPS, LiveKind.WRONG_LENGTH, LiveKind.WRONG_IDENTIFIER)
 _KEYS = {
-    **dict.fromkeys(MAGNITUDES, (*_TIMES, "magnitude")),
-    **dict.fromkeys(_MALFORMED, (*_TIMES, "magnitude", "to")),
-    LiveKind.KILL: ("onset_s", "pid"),
-    LiveKind.PAUSE: (*_TIMES, "pid"),
+    kind: ("onset_s", "duration_s", "magnitude", *["to"] * (kind in _MALFORMED))
+    for kind in LiveKind
 }
 
 
 class LiveFault(NamedTuple):
     """One fault; times since the injector was ready [s].
 
-    ``to``   which node's identifiers a malformed frame uses: plant, controller or both
-    ``pid``  of the process that is stopped or killed; 0 for none
+    ``to``  which node's identifiers a malformed frame uses: plant, controller or both
     """
 
     kind: LiveKind
@@ -89,12 +74,11 @@ class LiveFault(NamedTuple):
     duration_s: float = 1.0
     magnitude: float = 1.0
     to: str = "both"
-    pid: int = 0
 
     @property
     def end_s(self) -> float:
         """When it is over [s]."""
-        return self.onset_s + (0.0 if self.kind is LiveKind.KILL else self.duration_s)
+        return self.onset_s + self.duration_s
 
 
 def parse_fault(text: str) -> LiveFault:
@@ -122,11 +106,6 @@ def parse_fault(text: str) -> LiveFault:
 def _fault_of(kind: LiveKind, given: Mapping[str, str]) -> LiveFault:
     onset_s = _number(kind, given, "onset_s", 0.0, 0.0, TIME_S_MAX)
     duration_s = _number(kind, given, "duration_s", 1.0, 1e-3, TIME_S_MAX)
-    if kind not in MAGNITUDES:
-        if "pid" not in given:
-            raise ValueError(f"{kind}: needs a process, by pid=N, 2 to {PID_MAX}")
-        pid = _number(kind, given, "pid", 0.0, 2.0, PID_MAX, is_whole=True)
-        return LiveFault(kind, onset_s, duration_s, pid=int(pid))
     what, low, high, default, is_whole = MAGNITUDES[kind]
     magnitude = _number(
         kind, given, "magnitude", default, low, high, f" ({what})", is_whole=is_whole
@@ -166,9 +145,7 @@ def list_lines() -> list[str]:
     """Return a line for each kind: its magnitude, range and default, and the keys it takes."""
     lines = []
     for kind in LiveKind:
-        size = ""
-        if kind in MAGNITUDES:
-            what, low, high, default, _ = MAGNITUDES[kind]
-            size = f"{what}, {low:g} to {high:g}, default {default:g}"
+        what, low, high, default, _ = MAGNITUDES[kind]
+        size = f"{what}, {low:g} to {high:g}, default {default:g}"
         lines.append(f"{kind:17}{size:65}{', '.join(_KEYS[kind])}")
     return lines

@@ -28,7 +28,7 @@ LIVE = (("plant",), ("controller",))
 """Programs that end after ``--duration`` on a bus."""
 WHY_NOT = (
     (r" -i (?!emulated)|vcan0|^with-vcan|--fd", "needs a CAN interface"),
-    (r"^(bus|cockpit|monitor|doctor --measure) ?", "goes on in real time"),
+    (r"^(bus|cockpit|monitor) ?", "goes on in real time"),
     (
         r"^faults (?!--list)|FOLDER|out/gains|out/study|--controller-command",
         "needs something of the reader's",

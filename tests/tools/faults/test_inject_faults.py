@@ -1,9 +1,7 @@
 """The live injector: what it is asked for; what it sends and when is seeded and repeatable."""
 
-import os
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,7 +16,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
 from steer_by_wire.tools.faults import __main__ as inject_faults
@@ -26,7 +24,6 @@ from steer_by_wire.tools.faults.fault_frames import (
     FRAMES_AT_ONCE,
     FrameSource,
     frame_source,
-    recording_of,
 )
 from steer_by_wire.tools.faults.forged_car_frames import CarFrames
 from steer_by_wire.tools.faults.forged_frames import ForgedFrames, OurFrames
@@ -44,11 +41,8 @@ START_NS = 7_000_000_000
 COMMAND_ID = CAN_IDS[SteeringCommand]
 
 
-def source_of(
-    text: str, seed: int = 1, recording: Any = (), forged: ForgedFrames | None = None
-) -> FrameSource:
-    made = forged or OurFrames()
-    return frame_source(parse_fault(text), START_NS, seed, BITRATE_BIT_S, made, recording)
+def source_of(text: str, seed: int = 1, forged: ForgedFrames | None = None) -> FrameSource:
+    return frame_source(parse_fault(text), START_NS, seed, BITRATE_BIT_S, forged or OurFrames())
 
 
 def sent(source: FrameSource, step_ns: int = 1_000_000) -> list[tuple[int, Frame]]:
@@ -68,13 +62,6 @@ def test_a_fault_is_its_kind_and_what_is_said_of_it() -> None:
     assert parse_fault("spoof") == LiveFault(LiveKind.SPOOF, 0.0, 1.0, 0.5)
     assert parse_fault("spoof,onset_s=2,magnitude=-0.1,duration_s=3").end_s == 5.0
     assert parse_fault("bit_flips,to=plant").to == "plant"
-    assert parse_fault("pause,pid=4711,duration_s=0.5") == LiveFault(
-        LiveKind.PAUSE, 0.0, 0.5, 1.0, "both", 4711
-    )
-    assert parse_fault("kill,onset_s=1,pid=17") == LiveFault(
-        LiveKind.KILL, 1.0, 1.0, 1.0, "both", 17
-    )
-    assert parse_fault("kill,onset_s=1,pid=17").end_s == 1.0
 
 
 @pytest.mark.parametrize("kind", sorted(MAGNITUDES))
@@ -105,9 +92,6 @@ def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: Live
         ),
         ("noise,to=plant", "noise: 'to=plant' is not KEY=VALUE"),
         ("bit_flips,to=me", "bit_flips: to must be plant, controller, both, not 'me'"),
-        ("kill", "kill: needs a process, by pid=N, 2 to 4194304"),
-        ("pause,pid=1", "pause: pid must be 2 to 4194304, whole, not '1'"),
-        ("pause,pid=²", "pause: pid must be 2 to 4194304, whole, not '²'"),
     ],
 )
 def test_a_mistake_in_a_fault_is_one_clear_line(text: str, complaint: str) -> None:
@@ -122,10 +106,6 @@ def test_a_mistake_in_a_fault_is_one_clear_line(text: str, complaint: str) -> No
         ([], "give 1 to 100 faults, not 0"),
         (["babble"] * 101, "give 1 to 100 faults, not 101"),
         (["jam"], "no such fault"),
-        (["kill,pid=4194304"], "kill: process 4194304: there is none"),
-        ([f"pause,pid={os.getpid()}"], "is this program itself"),
-        (["replay"], "replay: needs a log, by --recording FILE"),
-        (["replay", "--recording", "no.log"], "no.log: No such file or directory"),
     ],
 )
 def test_a_mistake_on_the_command_line_is_one_clear_line(
@@ -162,16 +142,15 @@ def test_the_list_has_every_kind_with_its_range(capsys: pytest.CaptureFixture[st
 
 @pytest.mark.parametrize("kind", sorted(MAGNITUDES))
 def test_the_same_seed_sends_the_same_frames_at_the_same_times(kind: LiveKind) -> None:
-    recording = recording_of([(index * 1_000_000, Frame(index, b"")) for index in range(50)])
     text = f"{kind},onset_s=0.02,duration_s=0.1"
-    first, again = (sent(source_of(text, 5, recording)) for _ in range(2))
+    first, again = (sent(source_of(text, 5)) for _ in range(2))
     assert first == again
     if kind is not LiveKind.SPOOF_NEXT:
         assert first
         assert first[0][0] == START_NS + 20_000_000
         assert first[-1][0] < START_NS + 120_000_000
     if kind in (LiveKind.SPOOF, LiveKind.BIT_FLIPS, LiveKind.NOISE):
-        assert sent(source_of(text, 6, recording)) != first
+        assert sent(source_of(text, 6)) != first
 
 
 def test_a_spoofed_command_is_a_valid_one_with_a_counter_of_its_own() -> None:
@@ -247,17 +226,6 @@ def test_a_node_that_babbles_at_full_load_always_has_a_frame_ready() -> None:
     assert source.next_due_ns <= START_NS
     assert len(list(islice(source.due(START_NS + 1), 3))) == 3
     assert not list(source.due(START_NS + NS_PER_S))
-
-
-def test_a_recording_is_sent_in_its_order_and_at_its_times() -> None:
-    first, second, broken = Frame(1, b"a"), Frame(2, b"b"), Frame(3, b"", ERROR)
-    recording = recording_of([(5_000_000_000, second), (2_000_000_000, first), (1, broken)])
-    assert recording == [(0, first), (3_000_000_000, second)]
-    source = source_of("replay,magnitude=10,onset_s=0.1", recording=recording)
-    assert sent(source) == [(START_NS + 100_000_000, first), (START_NS + 400_000_000, second)]
-    source = source_of("replay,magnitude=2", recording=recording)
-    assert [frame for _, frame in sent(source)] == [first], "the second is beyond the duration"
-    assert recording_of([(0, broken)]) == []
 
 
 # In the messages of a car
