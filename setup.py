@@ -7,7 +7,7 @@ and is whole where git has made no links.
 
 from setuptools import find_packages, setup
 
-FOLDERS = ("closed_loop", "controller", "dbc", "plant_emulator", "runtime", "tools")
+FOLDERS = ("closed_loop", "controller", "dbc", "hand_wheel", "plant_emulator", "runtime", "tools")
 PACKAGES = find_packages(include=[name for folder in FOLDERS for name in (folder, f"{folder}.*")])
 WITH_VCAN = "steer_by_wire.with_vcan"
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .controller.laws import Law, LawInput, LawOutput
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
+    from .hand_wheel.wheel_alone import FeedbackStability, feedback_stability
     from .plant_emulator.network.settings import LatencyModel
     from .plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
     from .plant_emulator.path.settings import PathModel
@@ -38,6 +39,7 @@ _NAMES = {
     "controller.laws": ("Law", "LawInput", "LawOutput"),
     "controller.settings": ("ControllerSettings",),
     "dbc.messages": ("Mode",),
+    "hand_wheel.wheel_alone": ("FeedbackStability", "feedback_stability"),
     "plant_emulator.network.settings": ("LatencyModel",),
     "plant_emulator.path.settings": ("PathModel",),
     "plant_emulator.path.ellipse_and_lane_changes": ("path_of_curvature",),
@@ -64,6 +66,7 @@ __all__ = [
     "ControllerTable",
     "DisturbanceModel",
     "DisturbanceStep",
+    "FeedbackStability",
     "LatencyModel",
     "Law",
     "LawInput",
@@ -82,6 +85,7 @@ __all__ = [
     "VehicleState",
     "check",
     "controller_presets",
+    "feedback_stability",
     "path_of_curvature",
     "path_through",
     "plant_presets",

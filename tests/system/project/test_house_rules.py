@@ -9,8 +9,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
 FOLDERS = (
-    *("benchmarks", "closed_loop", "controller", "dbc", "examples", "packaging", "plant_emulator"),
-    *("runtime", "steer_by_wire", "tests", "tools"),
+    *("benchmarks", "closed_loop", "controller", "dbc", "examples", "hand_wheel", "packaging"),
+    *("plant_emulator", "runtime", "steer_by_wire", "tests", "tools"),
 )
 FILE_LINES_MAX = 500
 

@@ -13,6 +13,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
+FOLDERS = (
+    *("closed_loop", "controller", "dbc", "hand_wheel"),
+    *("plant_emulator", "runtime", "tools"),
+)
 
 
 def copied(copy: Path, *, has_links: bool) -> Path:
@@ -82,10 +86,9 @@ def test_with_vcan_is_installed_without_the_rest(source: Path, tmp_path: Path) -
 
 
 def test_the_wheel_holds_the_dbc_every_preset_every_module_and_page(wheel: zipfile.ZipFile) -> None:
-    packages = ("closed_loop", "controller", "dbc", "plant_emulator", "runtime", "tools")
     wanted = {
         f"steer_by_wire/{path.relative_to(ROOT)}"
-        for package in packages
+        for package in FOLDERS
         for suffix in ("*.py", "*.toml", "*.dbc", "*.js", "*.css", "*.html", "*.svg")
         for path in (ROOT / package).rglob(suffix)
     }
@@ -127,7 +130,7 @@ def installed(wheel: zipfile.ZipFile, tmp_path_factory: pytest.TempPathFactory) 
 def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a stranger, whose packages have the names that our folders have."""
     folder = tmp_path_factory.mktemp("elsewhere")
-    for name in ("closed_loop", "controller", "dbc", "plant_emulator", "runtime", "tests", "tools"):
+    for name in (*FOLDERS, "tests"):
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text("raise SystemExit('a stranger')\n")
     (folder / "steer_by_wire.py").write_text("raise SystemExit('a stranger')\n")

@@ -1,0 +1,152 @@
+"""Sampled feedback loop: wheel, bus, road, and the round trips at which the wheel shakes.
+
+Each cycle the wheel's angle is sampled and sent, the road wheel follows it, the road's torque is
+sampled and sent back, and the motor holds it for a cycle. Between the samples everything is linear
+and sampled exactly. The bus takes n whole cycles for both ways together; how they are shared
+between the ways makes no difference.
+
+    x[k+1] = F x[k] + g v[k]      w[k] = h x[k]      v[k] = w[k - n]
+
+The number of unstable roots at n = 0 is counted by eigenvalues. With n a root crosses the unit
+circle only at a frequency with |L| = 1, L(ω) = h (e^(jωT) I - F)⁻¹ g, and at n ω T = arg L(ω): it
+leaves the circle where |L| falls with ω, and comes back where |L| rises. Counting these crossings
+gives every range of unstable round trips, not only the first one.
+
+With a communication disturbance observer (CDOB) the torque at the wheel is
+
+    T = F + d - slow(d)      d = Q (G_n θ - F)      Q = ω_c/(s + ω_c)
+
+    F     the road's torque as it arrives
+    G_n   nominal way from the wheel's angle to the road's torque, without a bus
+    slow  low-pass of the washout: what is slower reaches the hand from the road alone
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from math import exp, pi
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from .wheel import LinearSystem, Matrix
+
+_FREQUENCY_MIN_RAD_S = 1e-3
+_FREQUENCIES = 4000
+_BISECTIONS = 50
+
+
+class FeedbackCdob(NamedTuple):
+    """A CDOB at the wheel; ``nominal`` from angle [rad] to torque [N m], washout 0 for none."""
+
+    nominal: LinearSystem
+    cutoff_rad_s: float = 50.0
+    washout_rad_s: float = 2.0
+
+
+class UnstableRange(NamedTuple):
+    """Round trips [s] at which the loop is unstable; ``end_s`` is None beyond the search.
+
+    ``shakes_at_hz``  frequency with which the oscillation starts at the beginning of the range;
+                      None where the loop is unstable without a delay
+    """
+
+    start_s: float
+    end_s: float | None
+    shakes_at_hz: float | None
+
+
+class SampledFeedback(NamedTuple):
+    """F, g and h as above; ``cycle_s`` is T."""
+
+    f: Matrix
+    g: Matrix
+    h: Matrix
+    cycle_s: float
+
+
+def sampled_feedback(
+    wheel: LinearSystem, road: LinearSystem, cycle_s: float, cdob: FeedbackCdob | None = None
+) -> SampledFeedback:
+    """Return the loop, cut where the bus is."""
+    parts = [wheel, road] if cdob is None else [wheel, road, cdob.nominal]
+    sampled = [_zero_order_hold(part, cycle_s) for part in parts]
+    first = np.cumsum([0, *(len(part.b) for part in parts)])
+    size = int(first[-1]) + (0 if cdob is None else 2)
+    f, g, h = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+    places = [slice(low, high) for low, high in pairwise(first)]
+    for place, (a, b, _) in zip(places, sampled, strict=True):
+        f[place, place] = a
+        if place.start:
+            f[place, places[0]] = np.outer(b, wheel.c)
+    of_torque = sampled[0].b
+    g[places[0]] = of_torque
+    h[places[1]] = road.c
+    if cdob is not None:
+        observed, slow = size - 2, size - 1
+        kept, kept_slow = exp(-cdob.cutoff_rad_s * cycle_s), exp(-cdob.washout_rad_s * cycle_s)
+        f[places[0], observed] += of_torque
+        f[places[0], slow] -= of_torque
+        f[observed, observed] = kept
+        f[observed, places[2]] = (1.0 - kept) * cdob.nominal.c
+        g[observed] = kept - 1.0
+        f[slow, slow], f[slow, observed] = kept_slow, 1.0 - kept_slow
+    return SampledFeedback(f, g, h, cycle_s)
+
+
+def unstable_round_trips(loop: SampledFeedback, up_to_s: float) -> tuple[UnstableRange, ...]:
+    """Return every range of unstable round trips up to ``up_to_s``, exact at whole cycles."""
+    closed = loop.f + np.outer(loop.g, loop.h)
+    unstable = int(np.count_nonzero(np.abs(np.linalg.eigvals(closed)) > 1.0 + 1e-9))
+    ranges = []
+    start: tuple[float, float | None] | None = (0.0, None) if unstable else None
+    for round_trip_s, change, omega_rad_s in sorted(_crossings(loop, up_to_s)):
+        unstable += change
+        if unstable and start is None:
+            start = round_trip_s, omega_rad_s / (2.0 * pi)
+        elif not unstable and start is not None:
+            ranges.append(UnstableRange(start[0], round_trip_s, start[1]))
+            start = None
+    if start is not None:
+        ranges.append(UnstableRange(start[0], None, start[1]))
+    return tuple(ranges)
+
+
+def _crossings(loop: SampledFeedback, up_to_s: float) -> Iterator[tuple[float, int, float]]:
+    """Yield round trip [s], change of the number of unstable roots, and frequency [rad/s]."""
+    poles = np.log(np.linalg.eigvals(loop.f).astype(complex) + 1e-300) / loop.cycle_s
+    grid = np.geomspace(_FREQUENCY_MIN_RAD_S, pi / loop.cycle_s, _FREQUENCIES)
+    near = np.abs(poles.imag)[:, np.newaxis] + np.abs(poles.real)[:, np.newaxis] * [-1, 0, 1]
+    near = near[(near > grid[0]) & (near < grid[-1])]
+    omegas = np.unique(np.concatenate((grid, near)))
+    gains = np.abs(_response(loop, omegas))
+    for place in np.flatnonzero((gains[:-1] > 1.0) != (gains[1:] > 1.0)):
+        low, high = omegas[place], omegas[place + 1]
+        falls = gains[place] > 1.0
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            if (abs(_response(loop, np.array([middle]))[0]) > 1.0) == falls:
+                low = middle
+            else:
+                high = middle
+        angle = float(np.angle(_response(loop, np.array([low]))[0])) % (2.0 * pi)
+        round_trip_s = angle / low
+        while round_trip_s <= up_to_s:
+            yield round_trip_s, 2 if falls else -2, float(low)
+            round_trip_s += 2.0 * pi / low
+
+
+def _response(loop: SampledFeedback, omegas_rad_s: Matrix) -> NDArray[np.complex128]:
+    z = np.exp(1j * omegas_rad_s * loop.cycle_s)
+    systems = z[:, np.newaxis, np.newaxis] * np.eye(len(loop.g)) - loop.f
+    states = np.linalg.solve(systems, np.broadcast_to(loop.g, (len(z), len(loop.g)))[..., None])
+    return np.asarray(states[..., 0] @ loop.h, np.complex128)
+
+
+def _zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:
+    order = len(system.b)
+    both = np.zeros((order + 1, order + 1))
+    both[:order, :order], both[:order, order] = system.a, system.b
+    exponential = expm(both * time_s)
+    return LinearSystem(exponential[:order, :order], exponential[:order, order], system.c)

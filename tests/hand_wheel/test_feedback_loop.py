@@ -1,0 +1,186 @@
+"""Stable round trips of force feedback: closed form, crossings, eigenvalues, simulated wheels."""
+
+from math import inf
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire import SettingsError, feedback_stability
+from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.hand_wheel.sampled_loop import (
+    FeedbackCdob,
+    SampledFeedback,
+    sampled_feedback,
+    unstable_round_trips,
+)
+from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
+
+UP_TO_S = 1.6
+
+
+def sedan(speed_km_h: float) -> VehicleParams:
+    return VehicleParams(speed_km_h / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
+
+
+def loop_of(
+    gradient_n_m: float, speed_km_h: float, grip: str, *, cycle_s: float = 1e-3,
+    damping_n_m_s: float = 0.15, rack_hz: float = 8.0, has_cdob: bool = False,
+) -> SampledFeedback:  # fmt: skip
+    road = road_torque(sedan(speed_km_h), gradient_n_m, Rack(rack_hz))
+    wheel = held_wheel(HandWheel(damping_n_m_s=damping_n_m_s), GRIPS[grip])
+    return sampled_feedback(wheel, road, cycle_s, FeedbackCdob(road) if has_cdob else None)
+
+
+def first_unstable_ms(loop: SampledFeedback) -> float:
+    ranges = unstable_round_trips(loop, UP_TO_S)
+    return 1e3 * ranges[0].start_s if ranges else inf
+
+
+@pytest.mark.parametrize(
+    ("damping", "stiffness", "stable_ms", "passive_ms"),
+    [
+        (0.2, 2.0, 108, 100), (0.2, 5.0, 41.3, 40), (0.2, 10.0, 20.3, 20), (0.2, 20.0, 10.1, 10),
+        (1.0, 2.0, 748, 500), (1.0, 5.0, 281, 200), (1.0, 10.0, 129.5, 100),
+        (1.0, 20.0, 59.1, 50),
+    ],
+)  # fmt: skip
+def test_a_wheel_alone_bears_what_another_program_computed(
+    damping: float, stiffness: float, stable_ms: float, passive_ms: float
+) -> None:
+    found = feedback_stability(inertia_kg_m2=0.04, damping_n_m_s=damping, stiffness_n_m=stiffness)
+    assert 1e3 * found.stable_delay_s == pytest.approx(stable_ms, abs=0.5)
+    assert 1e3 * found.passive_delay_s == pytest.approx(passive_ms, rel=1e-12)
+
+
+def growth(inertia: float, damping: float, stiffness: float, delay_s: float, hz: float) -> float:
+    """Return the amplitude after 60 periods over that after 20, of a wheel that is let go.
+
+    Exact from step to step for a torque that is linear in time, the delay a whole number of steps.
+    """
+    behind = 60
+    step_s = delay_s / behind
+    periods = int(1.0 / hz / step_s) + 1
+    decay = np.exp(-damping / inertia * step_s)
+    angles, rate = [1.0] * (behind + 1), 0.0
+    for _ in range(60 * periods):
+        before, after = angles[-behind - 1], angles[-behind]
+        torque = -stiffness * 0.5 * (before + after)
+        held = torque / damping
+        angles.append(angles[-1] + held * step_s + (rate - held) * (1 - decay) * inertia / damping)
+        rate = held + (rate - held) * decay
+    late, early = angles[-periods:], angles[20 * periods : 21 * periods]
+    return max(map(abs, late)) / max(map(abs, early))
+
+
+@settings(max_examples=15)
+@given(st.floats(0.01, 0.1), st.floats(0.1, 2.0), st.floats(1.0, 40.0))
+def test_a_simulated_wheel_settles_inside_and_shakes_outside(
+    inertia: float, damping: float, stiffness: float
+) -> None:
+    found = feedback_stability(
+        inertia_kg_m2=inertia, damping_n_m_s=damping, stiffness_n_m=stiffness
+    )
+    assert found.passive_delay_s < found.stable_delay_s
+    for factor, settles in ((0.98, True), (1.02, False)):
+        ratio = growth(
+            inertia, damping, stiffness, factor * found.stable_delay_s, found.shakes_at_hz
+        )
+        assert (ratio < 1.0) == settles
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, inf, float("nan")])
+def test_an_impossible_wheel_is_refused(value: float) -> None:
+    with pytest.raises(SettingsError, match=r"inertia_kg_m2 = .* more than 0"):
+        feedback_stability(inertia_kg_m2=value, damping_n_m_s=0.2, stiffness_n_m=2.0)
+
+
+@pytest.mark.parametrize(
+    ("gradient", "grip", "expected_ms"),
+    [
+        (3.0, "hands_off", (302, 26, 0)), (3.0, "loose", (inf, 124, 28)),
+        (6.0, "hands_off", (112, 14, 0)), (6.0, "loose", (223, 56, 15)),
+        (6.0, "light", (inf, 456, 162)), (12.0, "hands_off", (30, 0, 0)),
+        (12.0, "loose", (67, 16, 8)), (12.0, "light", (inf, 83, 76)),
+        (12.0, "firm", (inf, inf, inf)),
+    ],
+)  # fmt: skip
+def test_a_sedan_bears_what_another_program_computed(
+    gradient: float, grip: str, expected_ms: tuple[float, ...]
+) -> None:
+    found = [first_unstable_ms(loop_of(gradient, speed, grip)) for speed in (30, 80, 130)]
+    assert found == pytest.approx(expected_ms, abs=1.2)
+
+
+def test_damping_rack_cycle_and_cdob_move_the_round_trip_as_computed_elsewhere() -> None:
+    damped = [
+        first_unstable_ms(loop_of(6.0, 80, "hands_off", damping_n_m_s=0.15 + more))
+        for more in (0.2, 0.5, 1.0)
+    ]
+    assert damped == pytest.approx([67, 142, 264], abs=1.0)
+    racks = [first_unstable_ms(loop_of(6.0, 80, "loose", rack_hz=hz)) for hz in (4.0, 8.0, 16.0)]
+    assert racks == pytest.approx([25, 56, 71], abs=1.0)
+    slow = first_unstable_ms(loop_of(6.0, 80, "loose", cycle_s=0.01))
+    assert first_unstable_ms(loop_of(6.0, 80, "loose")) - slow == pytest.approx(9.0, abs=1.0)
+    observed = [
+        first_unstable_ms(loop_of(6.0, speed, grip, has_cdob=True))
+        for speed, grip in ((80, "hands_off"), (80, "loose"), (130, "loose"))
+    ]
+    assert observed == pytest.approx([810, 1100, 980], abs=3.0)
+
+
+def is_stable(loop: SampledFeedback, cycles: int) -> bool:
+    """Return whether all eigenvalues of loop and bus are inside the circle."""
+    order = len(loop.g)
+    whole = np.zeros((order + cycles, order + cycles))
+    whole[:order, :order] = loop.f
+    if cycles:
+        whole[:order, -1], whole[order, :order] = loop.g, loop.h
+        whole[order + 1 :, order:-1] = np.eye(cycles - 1)
+    else:
+        whole += np.outer(loop.g, loop.h)
+    return bool(np.abs(np.linalg.eigvals(whole)).max() < 1.0)
+
+
+@settings(max_examples=25)
+@given(
+    st.floats(2.0, 15.0), st.floats(20.0, 140.0), st.sampled_from(sorted(GRIPS)),
+    st.sampled_from([0.005, 0.01, 0.02]), st.booleans(),
+)  # fmt: skip
+def test_every_range_of_round_trips_agrees_with_eigenvalues(
+    gradient: float, speed_km_h: float, grip: str, cycle_s: float, has_cdob: bool
+) -> None:
+    loop = loop_of(gradient, speed_km_h, grip, cycle_s=cycle_s, has_cdob=has_cdob)
+    ranges = unstable_round_trips(loop, 1.0)
+    # On a boundary itself neither is wrong.
+    near = {t for low, high, _ in ranges for t in (low, high) if t}
+    for cycles in range(0, 60, 4):
+        round_trip_s = cycles * cycle_s
+        if any(abs(round_trip_s - t) < 0.02 * t for t in near):
+            continue
+        unstable = any(
+            low <= round_trip_s and (high is None or round_trip_s < high) for low, high, _ in ranges
+        )
+        assert is_stable(loop, cycles) != unstable
+
+
+def test_a_loop_can_be_stable_again_at_a_longer_round_trip() -> None:
+    ranges = unstable_round_trips(loop_of(12.0, 80, "loose", has_cdob=True), 1.0)
+    assert [round(1e3 * part.start_s) for part in ranges] == [87, 512, 937]
+    assert ranges[0].end_s is not None
+    assert ranges[-1].end_s is None
+
+
+def test_a_spring_alone_has_the_closed_forms_round_trip() -> None:
+    """The sampled loop at a fast cycle is the closed form, but for half a cycle of the hold."""
+    wheel = held_wheel(HandWheel(0.04, 0.2, 1e-6), GRIPS["hands_off"])
+    fast = np.array([[-1e6]])
+    spring = LinearSystem(fast, np.array([1e6]), np.array([5.0]))
+    cycle_s = 1e-4
+    first = unstable_round_trips(sampled_feedback(wheel, spring, cycle_s), 0.2)[0]
+    exact = feedback_stability(inertia_kg_m2=0.04, damping_n_m_s=0.2, stiffness_n_m=5.0)
+    # The spring is sampled a cycle late, and the motor holds for half a cycle on average.
+    assert first.start_s + 1.5 * cycle_s == pytest.approx(exact.stable_delay_s, abs=2e-5)
+    assert first.shakes_at_hz == pytest.approx(exact.shakes_at_hz, rel=1e-2)
