@@ -39,18 +39,16 @@ _OF_MODE: Mapping[Mode, ControlVerdict] = {
 """Verdict on a run that ends in a mode without a fault of its own."""
 
 
-def control_verdict(
-    failure: str, mode: Mode, in_effect: int, silent_ns: int, period_ns: int
-) -> ControlVerdict:
+def control_verdict(failure: str, mode: Mode, silent_ns: int, period_ns: int) -> ControlVerdict:
     """Return the verdict on a run that ends in ``mode``, with a fault of its own or none.
 
-    ``silent_ns``  time since the last of the commands that took effect, ``in_effect`` of them
+    ``silent_ns``  time since the last command that took effect, or since the first measurement
     """
     if failure:
         return ControlVerdict.FAULT
     verdict = _OF_MODE[mode]
     is_silent = silent_ns > max(EFFECT_NS, EFFECT_PERIODS * period_ns)
-    if verdict is ControlVerdict.IN_CONTROL and (is_silent or not in_effect):
+    if verdict is ControlVerdict.IN_CONTROL and is_silent:
         return ControlVerdict.NO_EFFECT
     return verdict
 
@@ -158,9 +156,7 @@ class RunFigures:
         round_trip = self.round_trip.summary()
         in_effect, silent_ns = round_trip.samples, self.last_tick_ns - self._effect_ns
         return {
-            "verdict": str(
-                control_verdict(failure, self._mode, in_effect, silent_ns, self._period_ns)
-            ),
+            "verdict": str(control_verdict(failure, self._mode, silent_ns, self._period_ns)),
             "active_share": min(1.0, steered_ns / (since_start_ns + self._period_ns)),
             "in_effect": in_effect,
             "no_effect_s": max(0, silent_ns) / NS_PER_S,
