@@ -139,7 +139,7 @@ def load_settings(
         source = f"preset {preset.name}"
         _merge(merged, _parse(preset.text, source), source, (), sources)
     if file is not None:
-        _refuse_changed_files(file.with_name(DIGESTS))
+        _refuse_changed_files(file.parent / DIGESTS)
         _merge(merged, _parse(read_text(file), str(file)), str(file), (), sources)
     if shared is not None:
         _merge(merged, shared.content, shared.source, (), sources)

@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 from tests.fuzz.bus_targets import fuzz_broker, fuzz_bus_client
 from tests.fuzz.command_lines import fuzz_command_line
 from tests.fuzz.log_targets import fuzz_log
-from tests.fuzz.node_targets import fuzz_authentication, fuzz_controller, fuzz_plant
+from tests.fuzz.node_targets import fuzz_controller, fuzz_plant
 from tests.fuzz.settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
 from tests.support.suite.combinations import sampled
 
 EXAMPLES = {
-    fuzz_authentication: 15,
     fuzz_broker: 25,
     fuzz_bus_client: 20,
     fuzz_command_line: 20,
@@ -33,10 +32,6 @@ EXAMPLES = {
 EACH = sampled(1, 20)
 LENGTHS = (40, 400, 1500)
 NEEDS_POSIX = {fuzz_broker, fuzz_bus_client, fuzz_command_line}
-CLOSE_WAYPOINTS = bytes.fromhex(
-    "da0000010000000000991163489ef516810100008feed461ba7200b4598f671c3718102c35a4"
-)
-"""Two so near each other, and others so far away, that both had one place on the path."""
 
 
 @pytest.mark.parametrize("target", EXAMPLES, ids=lambda target: target.__name__)
@@ -60,7 +55,3 @@ def test_no_bytes_break_a_promise(target: Callable[[bytes], None]) -> None:
     random = Random(target.__name__)
     for index in range(EACH * EXAMPLES[target] // 2):
         target(random.randbytes(LENGTHS[index % len(LENGTHS)]))
-
-
-def test_waypoints_at_one_place_break_no_promise() -> None:
-    fuzz_waypoints(CLOSE_WAYPOINTS)

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
-from scipy.optimize import linprog
 from scipy.special import lambertw
 
 from steer_by_wire.closed_loop.parameter_space.d_stability import (
@@ -18,7 +16,6 @@ from steer_by_wire.closed_loop.parameter_space.d_stability import (
     in_s_plane,
     judge,
     paper_d_stability,
-    roots_within,
 )
 from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
@@ -74,11 +71,6 @@ def test_fast_roots_outside_the_cone_are_reported_and_refused_only_on_demand() -
     assert verdict(*GOOD, *pair(-90.0, 20.0), spec=STRICT)[-1]
 
 
-def test_sets_of_roots_are_judged_one_by_one() -> None:
-    judged = judge(SPEC, np.array([[*GOOD, *FAST], [*pair(0.1, 0.2), *FAST]]))
-    assert judged.satisfied.tolist() == [True, False]
-
-
 @pytest.mark.parametrize(
     ("sigma_1_s", "cone_angle_deg", "radius_rad_s", "message"),
     [
@@ -119,30 +111,7 @@ def test_the_published_gains_place_the_dominant_pair_as_specified() -> None:
     assert all(verdict(*ours))
 
 
-def test_no_gains_bring_all_four_roots_of_the_nominal_loop_within_r() -> None:
-    """|e_k| ≤ C(4, k) R^k for the coefficients of a polynomial with all roots within R: linear."""
-    r = SPEC.radius_rad_s
-    rows = np.array([[0.0, 227.6], [227.6, 84790.0], [84790.0, 36270.0], [36270.0, 0.0]])
-    offsets = np.array([459.2, 33290.0, 0.0, 0.0])
-    bounds = np.array([4.0 * r, 6.0 * r**2, 4.0 * r**3, r**4])
-    demands, limits = np.vstack([rows, -rows]), np.concatenate([bounds - offsets, bounds + offsets])
-    found = linprog(np.zeros(2), demands, limits, bounds=(None, None))
-    assert found.status == 2  # infeasible
-    enough = np.concatenate([1e6 * bounds - offsets, 1e6 * bounds + offsets])
-    assert linprog(np.zeros(2), demands, enough, bounds=(None, None)).status == 0
-
-
 # Counting roots
-
-
-@pytest.mark.parametrize(("radius", "count"), [(0.5, 0), (1.5, 1), (2.5, 3), (4.0, 4)])
-def test_a_contour_counts_the_roots_it_goes_around(radius: float, count: int) -> None:
-    roots = [-1.0, 2.0j, -2.0j, 3.0]
-
-    def polynomial(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        return np.asarray(np.polyval(np.poly(roots), s), dtype=np.complex128)
-
-    assert roots_within(polynomial, lambda x: radius * np.exp(2j * math.pi * x)) == count
 
 
 @given(

@@ -5,12 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.parameter_space.d_stability import DStability, d_stability
+from steer_by_wire.closed_loop.parameter_space.d_stability import d_stability
 from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
     Bound,
-    BoundaryCurve,
     RootKind,
     Window,
     boundary_curves,
@@ -20,15 +18,12 @@ from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.loops.gain_loops import (
     DOUBLE_INTEGRATOR,
-    EVERY_LOOP,
     LEAD,
     LOOPS,
     SPEC,
-    STRICT,
     WINDOW,
     Loop,
 )
-from tests.support.suite.combinations import sampled
 
 # Closed form: 1/s² with a PD has the roots of s² + K_d s + K_p
 
@@ -78,77 +73,9 @@ def test_there_is_no_infinite_root_boundary_where_the_gains_are_not_in_the_leadi
 
 # Boundaries are where roots are
 
-EVERY_SPEC = pytest.mark.parametrize("spec", sampled([STRICT], [SPEC, STRICT]))
-
 
 def some_gains(count: int, seed: int) -> FloatArray:
     return WINDOW.origin + WINDOW.sides * np.random.default_rng(seed).random((count, 2))
-
-
-def finite_curves(loop: Loop, spec: DStability) -> list[BoundaryCurve]:
-    curves = boundary_curves(loop, spec, WINDOW)
-    return [curve for curve in curves if curve.kind is not RootKind.INFINITE]
-
-
-def value_of_bound(bound: Bound, spec: DStability, s: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Which of the roots are on the far side of one boundary."""
-    if bound is Bound.SIGMA:
-        return np.asarray(s.real >= -spec.sigma_1_s)
-    if bound is Bound.RADIUS:
-        return np.asarray(np.abs(s) > spec.radius_rad_s)
-    return np.asarray(s.real > np.abs(s) * math.cos(spec.cone_angle_rad))
-
-
-@EVERY_LOOP
-@EVERY_SPEC
-def test_at_every_boundary_point_a_root_is_on_the_boundary(loop: Loop, spec: DStability) -> None:
-    for curve in finite_curves(loop, spec):
-        bound, s = curve.bound, curve.s_rad_s
-        if bound is Bound.SIGMA:
-            np.testing.assert_allclose(s.real, -spec.sigma_1_s, rtol=1e-9)
-        if bound is Bound.RADIUS:
-            np.testing.assert_allclose(np.abs(s), spec.radius_rad_s, rtol=1e-9)
-        if bound is Bound.CONE:
-            np.testing.assert_allclose(np.angle(s), spec.cone_angle_rad, rtol=1e-9)
-        # Without feedback the commands on their way are a multiple root z = 0, ill-conditioned.
-        fed_back = np.abs(curve.gains).sum(axis=1) > 1e-6
-        roots, s = loop.roots(curve.gains[fed_back]), s[fed_back]
-        nearest = np.min(np.abs(roots - s[:, None]), axis=1)
-        double = np.abs(s.imag) < 1e-2 * np.abs(s)  # rounding moves a nearly double root by √ε
-        if math.isfinite(loop.omega_rad_s_max):
-            double |= s.imag > 0.99 * loop.omega_rad_s_max
-        assert np.max(nearest / np.abs(s), where=~double, initial=0.0) < 1e-7
-        assert np.max(nearest / np.abs(s)) < 1e-3
-
-
-@EVERY_LOOP
-@EVERY_SPEC
-def test_across_a_boundary_one_real_root_changes_sides_or_a_pair_of_complex_ones(
-    loop: Loop, spec: DStability
-) -> None:
-    away = 1e-5
-    for curve in finite_curves(loop, spec):
-        unit = (curve.gains - WINDOW.origin) / WINDOW.sides
-        long = np.hypot(*np.diff(unit, axis=0).T) > 10.0 * away
-        long &= (
-            np.abs(curve.gains[:-1]).sum(axis=1) > 0.05
-        )  # else boundaries lie too close together
-        start, chord = unit[:-1][long], np.diff(unit, axis=0)[long]
-        if not len(chord):
-            continue
-        middles = start + np.array([0.2, 0.6])[:, None, None] * chord
-        normals = np.column_stack([-chord[:, 1], chord[:, 0]]) / np.hypot(*chord.T)[:, None]
-        sides = [
-            np.concatenate(middles + sign * away * normals) * WINDOW.sides + WINDOW.origin
-            for sign in (1.0, -1.0)
-        ]
-        counts = [
-            np.count_nonzero(value_of_bound(curve.bound, spec, loop.roots(gains)), axis=1)
-            for gains in sides
-        ]
-        changes = np.abs(counts[0] - counts[1])
-        expected = 1 if curve.kind is RootKind.REAL else 2
-        assert np.mean(changes == expected) > 0.97  # the others cross a second boundary nearby
 
 
 def test_the_real_root_boundary_at_the_end_of_the_strip_is_the_one_computed_by_hand() -> None:

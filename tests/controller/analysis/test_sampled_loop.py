@@ -102,13 +102,6 @@ def test_margins_of_an_integrator_are_those_computed_by_hand() -> None:
     assert without_delay.peak_sensitivity_rad_s == pytest.approx(100.0 * math.pi)
 
 
-def test_the_delay_margin_of_an_integrator_is_its_phase_margin_over_its_crossover() -> None:
-    loop = pd_loop(1000, INTEGRATOR, proportional_gain_rad_m=20.0, derivative_gain_rad_s_m=0.0)
-    found_ns = margin_ns(loop, 600 * MS_NS)
-    # Half a period is the hold's own.
-    assert found_ns == pytest.approx(1e9 * (math.pi / 2.0 / 20.0 - 0.0005), rel=1e-3)
-
-
 def test_a_loop_without_feedback_at_rest_is_drift_and_not_stability() -> None:
     cdob = {"q_cutoff_rad_s": 20.0}
     published = law_settings(

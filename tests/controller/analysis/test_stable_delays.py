@@ -19,7 +19,7 @@ from steer_by_wire.controller.analysis.stable_delays import (
     stable_delays,
 )
 from steer_by_wire.controller.laws.law_from_settings import required
-from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.loops.wide_stretches import (
@@ -70,25 +70,6 @@ def test_a_loop_that_tolerates_every_delay_up_to_the_limit_has_no_margin_to_tell
     assert delay_margin_ns(stable) is None
 
 
-def test_a_larger_delay_can_be_stable_where_a_smaller_one_is_not() -> None:
-    loop = loop_of(PD_CDOB)
-    stable = stable_delays(loop)
-    at_tens_ms = [
-        delay_ns // MS_NS
-        for delay_ns in range(0, DELAY_NS_MAX + 1, 10 * MS_NS)
-        if any(first <= delay_ns <= last for first, last in stable)
-    ]
-    assert at_tens_ms == [0, 10, 20, 30, 40, *range(110, 181, 10), 310, 320]
-    assert delay_margin_ns(stable) == stable[0].last_ns
-    for first_ns, last_ns in stable:
-        for inside_ns, outside_ns in (
-            (first_ns, first_ns - RESOLUTION_NS),
-            (last_ns, last_ns + RESOLUTION_NS),
-        ):
-            assert loop.is_stable(inside_ns)
-            assert outside_ns < 0 or not loop.is_stable(outside_ns)
-
-
 # Against eigenvalues
 
 
@@ -127,22 +108,6 @@ def test_the_modes_counted_are_those_of_the_eigenvalues(
     loop = loop_of(chosen)
     counted = GrowingModes(loop, 400 * MS_NS).count(delay_ns)
     assert counted == growing_by_eigenvalues(loop, delay_ns)
-
-
-@pytest.mark.parametrize("preset", ["paper_pd", "paper_pd_dob", "practical_pd_ddob"])
-def test_at_1_khz_the_boundary_is_where_the_eigenvalues_have_it(preset: str) -> None:
-    chosen = controller_preset(preset, ["rate_hz=1000"])
-    loop = loop_of(chosen)
-    modes = GrowingModes(loop, DELAY_NS_MAX)
-    margin_ns = delay_margin_ns(stable_delays(loop))
-    assert margin_ns is not None
-    if margin_ns < 50 * MS_NS:  # hundreds of states take seconds
-        assert loop.is_stable(margin_ns)
-        assert not loop.is_stable(margin_ns + RESOLUTION_NS)
-    for delay_ns in (0, 20 * MS_NS, 51_234_567):
-        assert modes.count(delay_ns) == growing_by_eigenvalues(loop, delay_ns)
-    crossings_ns = modes.crossings_ns()
-    assert np.min(np.abs(crossings_ns - margin_ns)) <= RESOLUTION_NS
 
 
 # Against runs: a straight path, a push from the side, and what becomes of the steer

@@ -10,7 +10,7 @@ from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop, stable_constant_delays
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
-from steer_by_wire.controller.filters.settings import PaperEq19Settings, VehicleModelSettings
+from steer_by_wire.controller.filters.settings import PaperEq19Settings
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.laws.law_from_settings import design_law, vehicle_of
@@ -120,16 +120,3 @@ def test_every_shipped_preset_has_a_measurement_for_each_of_its_periods(preset: 
     """So that the margins its page states are those of one rate."""
     settings = controller_preset(preset)
     assert settings.period_ns % settings.loop_delay.sensor_period_ns == 0
-
-
-def test_a_nominal_vehicle_and_its_transfer_function_are_one_loop() -> None:
-    settings = controller_preset("practical_pd", ["rate_hz=200"])
-    assert isinstance(settings.nominal_model, VehicleModelSettings)
-    assert settings.model is not None
-    design, rates = design_law(settings), settings.loop_delay
-    one, other = (
-        PeriodicLoop(design, rates, LoopModel(each))
-        for each in (settings.model, settings.nominal_model.vehicle)
-    )
-    for delay_ns in (0, 3 * MS, 250 * MS):
-        assert one.decay_1_s(delay_ns) == pytest.approx(other.decay_1_s(delay_ns), rel=1e-6)

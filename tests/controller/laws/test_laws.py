@@ -16,7 +16,6 @@ from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.settings import read_preset
 from tests.support.loops.own_vehicle import transition
-from tests.support.suite.combinations import sampled
 
 PERIOD_S = 0.01
 STEER_RAD_MAX = 0.6
@@ -195,12 +194,6 @@ def test_the_practical_presets_keep_the_error_their_files_state(law: str, most_m
     for delay_ms, rms_m in zip((0, 250), map(float, stated.groups()), strict=True):
         assert worst_rms_m(preset(f"practical_{law}"), delay_ms) == pytest.approx(rms_m, rel=0.01)
         assert 0.9 * most_m < rms_m < most_m
-
-
-@pytest.mark.parametrize("delay_ms", sampled((100, 200), range(50, 250, 50)))
-def test_the_practical_ddob_holds_delays_between_too(delay_ms: int) -> None:
-    """The stable delays need not be an interval; the analysis of the preset judges all 51."""
-    assert worst_rms_m(preset("practical_pd_ddob"), delay_ms) < 0.0078
 
 
 def test_the_paper_presets_have_the_published_values() -> None:

@@ -51,14 +51,6 @@ def test_a_fallback_may_keep_the_wheel_where_it_is() -> None:
     assert guarded.x.deadline_ns == 2**62
 
 
-def test_a_ramp_may_be_slow() -> None:
-    guarded = Guarded(ramp_step_rad=5e-7)
-    steady(guarded, 0.25)
-    guarded.until(760.0)
-    assert guarded.log[-1][:2] == (760.0, "FALLBACK")
-    assert guarded.target == pytest.approx(0.25 - 1.5e-6, abs=1e-9)
-
-
 def test_a_later_silence_finds_no_fade_and_no_run_of_an_earlier_one() -> None:
     guarded = Guarded(recovery_frames=2, ramp_step_rad=0.0)
     steady(guarded, 0.25)

@@ -9,7 +9,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator.faults.settings import FaultSettings
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
-from tests.support.frames.made_messages import command_of, plan_of
+from tests.support.frames.made_messages import plan_of
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 VALUES = [0.01 * index for index in range(18)]
@@ -125,24 +125,6 @@ def test_a_plan_that_waits_in_the_network_is_played_from_where_it_is() -> None:
     assert wheel_rad(tested)[11:21] == pytest.approx(
         [0.0025 * sample for sample in range(11, 21)], abs=1e-5
     )
-
-
-def test_plans_and_commands_are_one_stream_in_which_the_newest_wins() -> None:
-    tested = link(
-        latency={
-            "downlink": {
-                "schedule": [{"time_s": 0.0, "mean_s": 0.1}, {"time_s": 0.015, "mean_s": 0.0}],
-                "schedule_shape": "step",
-            }
-        }
-    )
-    send_plan(tested, START_NS, first_sample=0, spacing=4, number=0)
-    tested.tick_until(START_NS + 2 * PERIOD_NS - 1)
-    command = encode(command_of(0.03, 1), 1)
-    tested.node.on_frame(command, START_NS + 2 * PERIOD_NS)
-    tested.tick_until(START_NS + 15 * PERIOD_NS)
-    assert applied(tested)[-1] == 1
-    assert wheel_rad(tested)[-1] == pytest.approx(0.03)
 
 
 def test_faults_of_plans_begin_after_the_first_of_them() -> None:

@@ -49,10 +49,6 @@ def test_the_causes_have_their_numbers() -> None:
     ]
 
 
-def test_it_starts_straight_and_with_nothing_let_through() -> None:
-    assert safety_limiter.start_limiter() == (0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
 def test_lateral_acceleration_is_the_angle_by_the_gain() -> None:
     commands = [(0.0, 0.0625), (1.0, 0.0626), (2.0, -0.0625), (3.0, -0.1)]
     assert outputs(params(acceleration=2.0, gain=32.0), commands) == [
@@ -78,20 +74,6 @@ def test_of_two_equal_limits_the_first_is_the_cause() -> None:
     assert outputs(angles, commands) == [(0.0625, 1), (-0.0625, 1)]
     rates = params(angle_rate=0.0625, jerk=2.0, gain=32.0)
     assert outputs(rates, commands) == [(0.03125, 2), (0.0, 2)]
-
-
-def test_what_moves_no_further_than_the_limit_in_half_a_second_passes() -> None:
-    quarter = params(angle_rate=0.5)  # 0.25 rad in half a second
-    assert outputs(quarter, [(0.0, 0.25), (1.0, 0.0), (2.0, 0.25)]) == [
-        (0.25, 0),
-        (0.0, 0),
-        (0.25, 0),
-    ]
-    assert outputs(quarter, [(0.0, 0.26), (1.0, -0.01), (2.0, -0.01)]) == [
-        (0.25, 2),
-        (0.0, 2),
-        (0.0, 2),
-    ]
 
 
 def test_what_was_is_forgotten_after_the_slot_in_which_half_a_second_has_passed() -> None:
@@ -144,15 +126,6 @@ def _in_effect(kept: list[tuple[int, float]], since_ns: int) -> list[float]:
 def test_what_is_no_number_changes_nothing(no_number: float) -> None:
     commands = [(0.0, 0.2), (1.0, no_number), (2.0, 0.3)]
     assert outputs(params(angle=0.7), commands) == [(0.2, 0), (0.2, 5), (0.3, 0)]
-
-
-def test_the_slot_is_a_quarter_of_a_second_of_time() -> None:
-    x = safety_limiter.start_limiter()
-    slots = []
-    for time_ns in (0, 249_999_999, 250_000_000, 499_999_999, 500_000_000):
-        x, _ = safety_limiter.limit_steer(params(), x, 0.0, time_ns)
-        slots.append(x.slot)
-    assert slots == [0, 0, 1, 1, 2]
 
 
 # The wheel

@@ -5,12 +5,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws.law_from_settings import design_law
@@ -254,25 +252,6 @@ CORNERS = [
     for speed_km_h in (4.0, 7.0)
     for mass_kg in (1600.0, 5000.0)
 ]
-
-
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("downlink_ms", [0, 70, 160, 250])
-def test_the_practical_presets_hold_every_corner_with_and_without_latency(
-    law: str, downlink_ms: int
-) -> None:
-    """Far from the steering limits, and still at the end: of a limit cycle neither is true."""
-    downlink = LatencySettings(mean_s=downlink_ms * 1e-3)
-    for vehicle in CORNERS:
-        # Compiled, which is the same to the last bit, and takes a thousandth of the time.
-        result = run_compiled(
-            plant_settings(15.0, downlink, vehicle=vehicle), preset(f"practical_{law}")
-        )
-        assert result.outcome is Outcome.COMPLETE
-        errors_m = np.abs(result.lateral_error_m)
-        assert errors_m.max() < 0.12
-        assert errors_m[-500:].max() < 0.1
-        assert np.abs(result.sent_rad).max() < 0.3
 
 
 def uplink_loss(loss: float) -> Frame:

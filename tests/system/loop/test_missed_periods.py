@@ -63,13 +63,6 @@ def test_stalls_now_and_then_are_borne_however_long(stalls: list[int], served: i
     assert not starved(by_default(), stalls, served)[-1]
 
 
-def test_one_long_stall_can_be_made_a_fault() -> None:
-    """By a machine that must not sleep."""
-    settings = OverrunSettings(missed_periods_max=500, stall_periods_max=501)
-    assert not starved(supervision(settings), [500], 1)[-1]
-    assert starved(supervision(settings), [501], 1)[-1]
-
-
 @given(
     st.lists(st.integers(0, 9) | st.just(0), max_size=60),
     st.integers(0, 12),

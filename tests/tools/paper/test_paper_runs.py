@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.special import ellipe
 
-from steer_by_wire.closed_loop.pair.pair_result import rms
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
@@ -15,7 +14,6 @@ from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.path.path import curvature
 from steer_by_wire.plant_emulator.path.path_from_settings import build_path
-from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.paper import published
 from steer_by_wire.tools.paper.delay_runs import (
@@ -33,9 +31,6 @@ from steer_by_wire.tools.paper.delay_runs import (
 from steer_by_wire.tools.paper.simulation import (
     PAPER_DELAY_S,
     History,
-    paper_plant,
-    simulate,
-    thinned,
 )
 from steer_by_wire.tools.paper.table_2 import (
     CORRECTED,
@@ -50,15 +45,6 @@ PD_DOB_ROW_M = tuple(column.pd_dob_m for column in published.TABLE_2)
 
 def test_the_pd_row_comes_out_with_the_zero_restored() -> None:
     assert simulated_row("", "paper_pd", CORRECTED).rms_m == pytest.approx(PD_ROW_M, abs=2e-4)
-
-
-def test_another_ellipse_gives_the_pd_row_too_so_that_it_does_not_report_the_axes() -> None:
-    ellipse = {"kind": "ellipse", "semi_major_axis_m": 86.8, "semi_minor_axis_m": 32.3}
-    path = EllipseSettings.model_validate(ellipse)
-    for column in published.TABLE_2:
-        plant = paper_plant(f"paper_corner_{column.corner}", "duration_s=100")
-        run = simulate(plant.model_copy(update={"path": path}), controller_preset("paper_pd"))
-        assert rms(run.lateral_error_m) == pytest.approx(column.pd_m, abs=2e-4)
 
 
 def test_the_printed_stiffness_gives_the_mass_trend_the_wrong_sign() -> None:
@@ -144,10 +130,3 @@ def test_ddob_as_published_drifts_and_with_washout_and_type_2_q_does_not() -> No
     first_m, second_m = ends_m[(*FILTER, *WASHOUT, *TYPE_2)]
     assert abs(first_m) < 2e-4
     assert abs(second_m - first_m) < 1e-5
-
-
-def test_thinning_keeps_every_so_many_rows() -> None:
-    run = drive([PD], delayed_plant(1.0))[PD.label]
-    few = thinned(run, 0.02)
-    assert few.time_s.size == math.ceil(run.time_s.size / 20)
-    assert few.lateral_error_m[1] == run.lateral_error_m[20]

@@ -16,10 +16,9 @@ from steer_by_wire.tools.paper.__main__ import (
     NOT_COMPUTED,
     Entry,
     entry_of,
-    function_of,
     numbers_of,
 )
-from steer_by_wire.tools.paper.index_page import agreement, heading, index_page
+from steer_by_wire.tools.paper.index_page import index_page
 from steer_by_wire.tools.paper.result import (
     Comparison,
     Picture,
@@ -64,11 +63,6 @@ def test_every_computed_figure_and_table_of_the_paper_is_registered() -> None:
     in_the_paper = {str(number) for number in range(1, 25)}
     assert set(numbers_of("figure")) | set(NOT_COMPUTED["figure"]) == in_the_paper
     assert not set(numbers_of("figure")) & set(NOT_COMPUTED["figure"])
-
-
-def test_every_key_is_unique_and_has_a_function() -> None:
-    assert len({entry.key for entry in ENTRIES}) == len(ENTRIES)
-    assert all(callable(function_of(entry)) for entry in ENTRIES)
 
 
 def test_one_figure_leaves_its_picture_its_data_its_summary_and_the_page(out: Path) -> None:
@@ -120,17 +114,6 @@ def test_whatever_a_figure_says_is_escaped() -> None:
     assert "<script" not in text
     root = parsed(text)
     assert "".join(root.itertext()).count("<script>") == 8
-
-
-def test_headings_carry_the_number_once() -> None:
-    assert heading(written("figure_08")) == "Figure 8: A title"
-    assert heading(written("table_2")) == "Table 2: A title"
-    assert heading(written()._replace(title="Figure 8: again")) == "Figure 8: again"
-
-
-def test_only_what_can_agree_is_counted() -> None:
-    assert agreement(COMPARISONS) == "1 of 2"
-    assert agreement(COMPARISONS[2:]) == "-"
 
 
 @pytest.mark.usefixtures("same_process", "unrendered")
