@@ -1,4 +1,4 @@
-"""The bus between both nodes in virtual time: rest bus, noise, bus-off and clocks."""
+"""The bus between both nodes in virtual time: rest bus, noise and bus-off."""
 
 from collections.abc import Sequence
 
@@ -11,12 +11,8 @@ from ...runtime.bus_model.socketcan_error_frames import error_frame
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.frame import Frame
 from ...runtime.node import Node
-from ...runtime.node.drifting_clock import DriftingClock
-from ...runtime.settings import SettingsError
 from .rest_bus_from_dbc import traffic_of
 
-NODES = ("plant", "controller")
-"""Names of the nodes, in the order of their numbers on the bus."""
 QUIET_BUS = BusSettings()
 
 
@@ -114,14 +110,3 @@ def shared_bus(settings: BusSettings, seed: int) -> SharedBus:
 def virtual_bus(settings: BusSettings, seed: int) -> QuietBus | SharedBus:
     """Like ``shared_bus``, but the cheaper QuietBus if there is no other traffic and no error."""
     return QuietBus(settings.bitrate_bit_s) if settings.is_quiet else shared_bus(settings, seed)
-
-
-def with_clocks(plant: Node, controller: Node, settings: BusSettings) -> tuple[Node, Node]:
-    """Return both nodes by the clocks that the settings give them; raises SettingsError."""
-    nodes = [plant, controller]
-    for name, clock in settings.clock.items():
-        if name not in NODES:
-            raise SettingsError(f"clock.{name}: is no node of this bus ({' or '.join(NODES)})")
-        index = NODES.index(name)
-        nodes[index] = DriftingClock(nodes[index], clock.ppm, clock.drift_ppm_s)
-    return nodes[0], nodes[1]

@@ -21,7 +21,7 @@ from ...runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
 from ...runtime.program.garbage_collection import no_collections
 from ...runtime.recording.candump import CandumpLog
 from .pair_result import PairResult, Trace
-from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus, with_clocks
+from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus
 
 SLICE_NS = 1_000_000_000
 START_S_MAX = 60
@@ -78,8 +78,8 @@ def run_virtual_pair(
     """
     pair = make_virtual_pair(plant_settings, controller_settings)
     bus = None if settings is None else virtual_bus(settings, plant_settings.seed)
-    nodes = with_clocks(pair.edge, pair.controller, settings or QUIET_BUS)
-    run_virtual_nodes(*nodes, bus, candump_log, waits_in_vain(pair.plant, START_S_MAX))
+    is_in_vain = waits_in_vain(pair.plant, START_S_MAX)
+    run_virtual_nodes(pair.edge, pair.controller, bus, candump_log, is_in_vain)
     return PairResult(
         {"settings": plant_settings.model_dump(mode="json"), "node": dict(pair.edge.report())},
         {

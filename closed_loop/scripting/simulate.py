@@ -221,7 +221,7 @@ def _run_virtual(
     plant: PlantSettings, controller: ControllerSettings, bus: BusSettings | None
 ) -> Run:
     from ...runtime.bus_model.transmit_queue import BusOverflowError
-    from ..pair.virtual_bus import virtual_bus, with_clocks
+    from ..pair.virtual_bus import virtual_bus
     from ..pair.virtual_pair import START_S_MAX, make_virtual_pair, run_virtual_nodes, waits_in_vain
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
@@ -233,7 +233,8 @@ def _run_virtual(
     )
     try:
         run_virtual_nodes(
-            *with_clocks(pair.edge, pair.controller, bus or BusSettings()),
+            pair.edge,
+            pair.controller,
             None if bus is None else virtual_bus(bus, plant.seed),
             None,
             waits_in_vain(pair.plant, START_S_MAX),

@@ -27,7 +27,7 @@ from ...runtime.frame import Frame
 from ...runtime.node.virtual_time_loop import Wire
 from ..lockstep.node import LockstepNode, controller_in, controller_node
 from ..pair.pair_result import Trace
-from ..pair.virtual_bus import shared_bus, with_clocks
+from ..pair.virtual_bus import shared_bus
 from ..pair.virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
 from .compiled_figures import (
     CG_STRIDE,
@@ -128,11 +128,11 @@ def figures_of_trace(
 def _ran(pair: Pair, bus: BusSettings) -> Ran:
     if not (bus.has_traffic or bus.has_errors):
         with suppress(BusOverflowError):  # of a bit rate too low for the pair: frames are refused
-            return _ran_over(QuietBus(bus.bitrate_bit_s), pair, bus)
-    return _ran_over(shared_bus(bus, pair.plant.seed), pair, bus)
+            return _ran_over(QuietBus(bus.bitrate_bit_s), pair)
+    return _ran_over(shared_bus(bus, pair.plant.seed), pair)
 
 
-def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
+def _ran_over(wire: Wire, pair: Pair) -> Ran:
     language = read_language(pair.dialect)
     plant, edge = make_virtual_plant(pair.plant, language=language)
     listening = language.listening()
@@ -148,7 +148,6 @@ def _ran_over(wire: Wire, pair: Pair, bus: BusSettings) -> Ran:
                     sent_rad.append(decoded.message.steer_rad)
 
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
-        nodes = with_clocks(edge, controller_in(language, controller), bus)
-        in_vain = waits_in_vain(plant, START_S_MAX)
-        run_virtual_nodes(*nodes, wire, None, in_vain, on_wire)
+        node, in_vain = controller_in(language, controller), waits_in_vain(plant, START_S_MAX)
+        run_virtual_nodes(edge, node, wire, None, in_vain, on_wire)
     return Ran(plant, controller, sent_rad, watch.reactions(edge.report().get("faults", ())))

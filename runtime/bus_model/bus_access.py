@@ -67,13 +67,6 @@ class BusAccess:
         self._paused_until_ticks[sender] = end_ticks + pause_ticks
         return False
 
-    def forget(self, sender: int) -> None:
-        """Forget a sender that has left and has no frame on the bus."""
-        self._paused_until_ticks.pop(sender, None)
-        self._off_until_ticks.pop(sender, None)
-        if self._errors is not None:
-            self._errors.leave(sender)
-
     def come_back(self, now_ticks: int) -> None:
         """Let all take part again whose bus-off is over."""
         if self._off_until_ticks:

@@ -20,8 +20,6 @@ from .bit_ticks import BitTicks
 from .fault_confinement import BUS_OFF_MIN, ControllerState, ErrorCounters
 
 ERROR_FRAME_BITS = 12 + 8
-_GONE = -1 << 31
-"""Stands for all nodes that have left."""
 
 
 class ErrorEvent(NamedTuple):
@@ -66,7 +64,7 @@ class BusErrors:
         self._members: dict[int, _Member] = {}
         self._limited: set[int] = set()
         self.is_calm = True
-        self.sent = {_GONE: 0}
+        self.sent: dict[int, int] = {}
         self.count = self.bus_offs = 0
 
     def join(self, node: int) -> None:
@@ -75,13 +73,6 @@ class BusErrors:
             member = self._members[node] = _Member()
             member.all_frames = self._all_frames
             self.sent[node] = 0
-
-    def leave(self, node: int) -> None:
-        """Forget a node that is no longer on the bus."""
-        self._members.pop(node, None)
-        self._limited.discard(node)
-        self.is_calm = not self._limited
-        self.sent[_GONE] += self.sent.pop(node, 0)
 
     def counters(self, node: int) -> ErrorCounters:
         """Return a node's counters as they are now."""

@@ -1,4 +1,4 @@
-"""Settings of the bus: bit rate, other traffic, bit errors, clocks (TOML).
+"""Settings of the bus: bit rate, other traffic, bit errors (TOML).
 
 One definition for virtual time, the emulated bus and studies.
 """
@@ -8,30 +8,11 @@ from typing import Annotated
 from pydantic import Field
 
 from ..settings import Settings
-from .bit_noise import BusNoise, NoiseRates
+from .bit_noise import BusNoise
 from .bus_errors import BusErrors
 
 LOAD_MAX = 1.5
 Rate = Annotated[float, Field(ge=0.0, le=0.01)]
-Ppm = Annotated[float, Field(ge=-10_000.0, le=10_000.0)]
-
-
-class BurstSettings(Settings):
-    """Times of more errors, which come and go at random (Gilbert and Elliott)."""
-
-    bit_error_rate: Rate
-    interval_s: float = Field(ge=0.001, le=3600.0)
-    """Mean time from the end of a burst to the next one."""
-    length_s: float = Field(ge=0.001, le=60.0)
-    """Mean length."""
-
-
-class ClockSettings(Settings):
-    """How much too fast a node's timers run."""
-
-    ppm: Ppm = 0.0
-    drift_ppm_s: Ppm = 0.0
-    """How fast ``ppm`` changes."""
 
 
 class BusSettings(Settings):
@@ -44,10 +25,7 @@ class BusSettings(Settings):
     """Share of the bus that these take; by default their cycle times decide. Without databases a
     made-up set of messages takes it."""
     bit_error_rate: Rate = 0.0
-    """Share of the bits that are wrong."""
-    burst: BurstSettings | None = None
-    clock: dict[str, ClockSettings] = Field(default_factory=dict)
-    """Oscillators that are off, by node (plant, controller); in virtual time only."""
+    """Share of the bits that are wrong; in virtual time only."""
 
     @property
     def has_traffic(self) -> bool:
@@ -57,7 +35,7 @@ class BusSettings(Settings):
     @property
     def has_errors(self) -> bool:
         """Whether anything can go wrong on the wire."""
-        return bool(self.bit_error_rate or self.burst)
+        return bool(self.bit_error_rate)
 
     @property
     def is_quiet(self) -> bool:
@@ -77,7 +55,4 @@ def errors_of(settings: BusSettings, seed: int) -> BusErrors | None:
     """Return the errors of a bus; None if it has none."""
     if not settings.has_errors:
         return None
-    burst = settings.burst
-    in_bursts = () if burst is None else (burst.bit_error_rate, burst.interval_s, burst.length_s)
-    rates = NoiseRates(settings.bit_error_rate, *in_bursts)
-    return BusErrors(BusNoise(rates, settings.bitrate_bit_s, seed))
+    return BusErrors(BusNoise(settings.bit_error_rate, settings.bitrate_bit_s, seed))

@@ -9,7 +9,7 @@ through python-can's ``socketcan``; other interfaces of python-can have their ow
 from typing import TYPE_CHECKING
 
 from ..frame import ERROR, Frame
-from .fault_confinement import PASSIVE_MIN, WARNING_MIN, ControllerState, ErrorCounters
+from .fault_confinement import PASSIVE_MIN, WARNING_MIN, ControllerState
 
 if TYPE_CHECKING:  # the model of a bus, which no live program needs
     from .bus_errors import ErrorEvent
@@ -46,45 +46,18 @@ _PROTOCOL_DETAILS = (  # of byte 2
 )
 _BIT_ERROR = 0x01  # byte 2
 _LOCATIONS_OF_CRC = (0x08, 0x18)  # byte 3: CRC sequence, CRC delimiter
-_STATES = {
-    BUS_OFF: ControllerState.BUS_OFF,
-    RESTARTED: ControllerState.ERROR_ACTIVE,
-    "error_passive": ControllerState.ERROR_PASSIVE,
-    "error_warning": ControllerState.ERROR_WARNING,
-    "error_active": ControllerState.ERROR_ACTIVE,
-}
-"""By cause; of several, the first holds."""
-RESTARTED_FRAME = Frame(_RESTARTED, bytes(8), ERROR)
 
 
 def error_frame(event: "ErrorEvent") -> Frame:
     """Return what SocketCAN reports of an error to the sender of the destroyed frame."""
+    classes, details = _PROTOCOL | _BUS_ERROR, 0
     counts = event.transmit_errors, event.receive_errors
-    state = event.state if event.has_changed else None
-    return _frame(_PROTOCOL | _BUS_ERROR, counts, state, _BIT_ERROR)
-
-
-def state_frame(counters: ErrorCounters) -> Frame:
-    """Return what it reports of a controller whose state has changed."""
-    return _frame(0, (counters.transmit, counters.receive), counters.state)
-
-
-def _frame(
-    classes: int, counts: tuple[int, int], state: ControllerState | None, violation: int = 0
-) -> Frame:
-    """Return an error frame.
-
-    ``counts``     transmit and receive error counter
-    ``state``      of the controller, if it has changed
-    ``violation``  byte 2
-    """
-    details = 0
-    if state is ControllerState.BUS_OFF:
+    if event.has_changed and event.state is ControllerState.BUS_OFF:
         classes |= _BUS_OFF
-    elif state is not None:
+    elif event.has_changed:
         classes |= _CONTROLLER
-        details = _state_details(state, *counts)
-    data = bytes((0, details, violation, 0, 0, 0, *(min(count, 255) for count in counts)))
+        details = _state_details(event.state, *counts)
+    data = bytes((0, details, _BIT_ERROR, 0, 0, 0, *(min(count, 255) for count in counts)))
     return Frame(classes, data, ERROR)
 
 
@@ -96,12 +69,6 @@ def _state_details(state: ControllerState, transmit: int, receive: int) -> int:
     low = PASSIVE_MIN if is_passive else WARNING_MIN
     by_transmit, by_receive = (0x20, 0x10) if is_passive else (0x08, 0x04)
     return by_transmit * (transmit >= low) | by_receive * (receive >= low)
-
-
-def state_of(frame: Frame) -> ControllerState | None:
-    """Return the state of the receiving controller that an error frame reports, if it does."""
-    causes = error_causes(frame)
-    return next((state for cause, state in _STATES.items() if cause in causes), None)
 
 
 def error_causes(frame: Frame) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 from ..node import NEVER_NS, NS_PER_MS, NS_PER_S
 from ..node.statistics import DurationStatistics, DurationSummary
 from .broker_connection import Cause, Connection, ConnectionLostError
-from .channel import UNDISTURBED, Channel, ChannelConditions
+from .channel import NO_TRAFFIC, Channel, Traffic
 from .protocol import Answer, Hello, ProtocolError
 
 CHANNELS_MAX = 64
@@ -59,7 +59,7 @@ class Broker:
     ``print_line``          prints one line, or drops it: the broker does not wait for its reader
     ``is_verbose``          whether to print orderly joins and ends too
     ``clock_ns``            monotonic clock [ns]
-    ``conditions``          rest bus and errors on every channel
+    ``traffic``             rest bus on every channel
 
     ``clients``             who is connected
     ``channels``            all so far, by name
@@ -73,7 +73,7 @@ class Broker:
         data_bitrate_bit_s: int | None,
         print_line: Callable[[str], object],
         clock_ns: Callable[[], int] = time.monotonic_ns,
-        conditions: ChannelConditions = UNDISTURBED,
+        traffic: Traffic = NO_TRAFFIC,
         is_verbose: bool = False,
     ) -> None:
         listener.setblocking(False)
@@ -83,7 +83,7 @@ class Broker:
         self._print_line, self._is_verbose = print_line, is_verbose
         self.disconnections = dict.fromkeys(map(str, Cause), 0)
         self._clock_ns = clock_ns
-        self._conditions = conditions
+        self._traffic = traffic
         # Time stamps count from here: a second on the bus stays a second, whatever sets the clock.
         self._to_wall_clock_ns = time.time_ns() - time.monotonic_ns()
         self.clients: set[Connection] = set()
@@ -121,7 +121,7 @@ class Broker:
         now_ns = self._clock_ns()
         # First what has been complete until now: what is read below competes only from now on.
         for channel in self.channels.values():
-            if channel.is_due(now_ns):
+            if channel.next_event_ns <= now_ns:
                 self._deliver(channel, now_ns)
         for source in readable:
             if isinstance(source, int):
@@ -201,11 +201,11 @@ class Broker:
             self._refuse(client, reason)
             return
         if hello.channel not in self.channels:
-            # Each with errors of its own; those of the first are those of virtual time.
-            seed = self._conditions.seed + _SEED_STEP * len(self.channels)
-            conditions = self._conditions._replace(seed=seed)
+            # Each with phases of its own; those of the first are those of virtual time.
+            seed = self._traffic.seed + _SEED_STEP * len(self.channels)
             rates = self._bitrate_bit_s, self._data_bitrate_bit_s
-            self.channels[hello.channel] = Channel(*rates, conditions, now_ns)
+            traffic = self._traffic._replace(seed=seed)
+            self.channels[hello.channel] = Channel(*rates, traffic, now_ns)
         self.channels[hello.channel].join(client)
         if self._is_verbose:
             self._print_line(f"{client} joins")

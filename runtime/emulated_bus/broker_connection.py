@@ -5,29 +5,14 @@ import struct
 import sys
 from enum import StrEnum
 
-from ..frame import EXTENDED, FD, Frame
-from .protocol import (
-    FILTERS_MAX,
-    HELLO,
-    Buffer,
-    ClearFilters,
-    Filter,
-    Hello,
-    ProtocolError,
-    pack_buffer,
-    record_format,
-    unpack_hello,
-    unpack_request,
-)
+from ..frame import FD, Frame
+from .protocol import HELLO, Buffer, Hello, pack_buffer, record_format, unpack_hello, unpack_sent
 from .transmit_buffers import TransmitBuffers
 
 OUTGOING_BYTES_MAX = 1 << 20
 """Limit of the data that waits for a client: 43 690 classic frames, 10 s of a full bus at
 500 kbit/s."""
 
-MASKS_MAX = 16
-"""Different masks in the filters of one client. With more it receives everything, because checking
-512 masks would take longer than a frame."""
 READ_BYTES = 1 << 12
 """Small, because what is read but not submitted yet already counts as sent for the client."""
 _PEER = struct.Struct("3i")
@@ -66,7 +51,6 @@ class Connection:
     ``buffers``         its submitted frames that are not complete yet; counted by its channel
     ``is_held_back``    whether it is not read because too many of its frames wait
     ``is_behind``       whether its socket had too little room at the last write
-    ``is_off``          whether its CAN controller is in bus-off
     """
 
     def __init__(self, connection: socket.socket, number: int) -> None:
@@ -74,13 +58,11 @@ class Connection:
         self.number = number
         self.hello: Hello | None = None
         self.buffers = TransmitBuffers()
-        self.is_held_back = self.is_behind = self.is_off = False
+        self.is_held_back = self.is_behind = False
         self._process = _process_of(connection)
         self._socket = connection
         self.record = record_format(fd=False)
         self._incoming, self._outgoing = bytearray(), bytearray()
-        self._masks: dict[tuple[int, bool | None], set[int]] = {}
-        self._filters = 0
         self._put_back: Frame | None = None
 
     def __str__(self) -> str:
@@ -123,19 +105,13 @@ class Connection:
         return self.hello
 
     def next_frame(self) -> Frame | None:
-        """Remove the next frame from the input; None if there is none. Raises ProtocolError.
-
-        Changes of the filters before it take effect.
-        """
+        """Remove the next frame from the input; None if there is none. Raises ProtocolError."""
         if self._put_back is not None:
             frame, self._put_back = self._put_back, None
             return frame
-        while len(self._incoming) >= self.record.size:
-            request = unpack_request(self.record, self._remove(self.record.size))
-            if isinstance(request, Frame):
-                return request
-            self._change_filters(request)
-        return None
+        if len(self._incoming) < self.record.size:
+            return None
+        return unpack_sent(self.record, self._remove(self.record.size))
 
     def put_back(self, frame: Frame) -> None:
         """Let ``next_frame`` return ``frame`` again, for which there was no room."""
@@ -143,19 +119,9 @@ class Connection:
 
     def wants(self, frame: Frame, sender: int) -> bool:
         """Whether the client receives ``frame`` of client ``sender``."""
-        if self.hello is None or self.is_off:
+        if self.hello is None or (sender == self.number and not self.hello.receive_own):
             return False
-        if sender == self.number and not self.hello.receive_own:
-            return False
-        if frame.flags & FD and not self.hello.fd:
-            return False
-        if not self._masks or len(self._masks) > MASKS_MAX:
-            return True
-        is_extended = bool(frame.flags & EXTENDED)
-        for (mask, extended), can_ids in self._masks.items():
-            if frame.can_id & mask in can_ids and extended in (None, is_extended):
-                return True
-        return False
+        return self.hello.fd or not frame.flags & FD
 
     def queue(self, raw: bytes) -> None:
         """Add bytes to be written by the next ``flush``."""
@@ -190,18 +156,6 @@ class Connection:
         taken = bytes(self._incoming[:size])
         del self._incoming[:size]
         return taken
-
-    def _change_filters(self, request: Filter | ClearFilters) -> None:
-        """Add a filter or clear all; raises ProtocolError when there are too many."""
-        if isinstance(request, ClearFilters):
-            self._masks.clear()
-            self._filters = 0
-        elif self._filters < FILTERS_MAX:
-            can_id, mask, extended = request
-            self._masks.setdefault((mask, extended), set()).add(can_id & mask)
-            self._filters += 1
-        else:
-            raise ProtocolError(f"more than {FILTERS_MAX} filters")
 
 
 def _process_of(connection: socket.socket) -> str:

@@ -14,8 +14,6 @@ def broker_report(broker: Broker, duration_ns: int) -> dict[str, Any]:
     ``traffic``       frames of the rest bus among all ``frames``
     ``load``          share of the time that a wire was busy, intermissions included
     ``discarded``     frames of clients that had gone which were never sent
-    ``errors``        destroyed transmissions
-    ``bus_offs``      how often they led to bus-off; ``lost_in_bus_off`` frames lost in it
     ``held_back``     how often a client was not read on because its frames waited
     ``disconnected``  clients that are gone, by cause
     """
@@ -28,9 +26,6 @@ def broker_report(broker: Broker, duration_ns: int) -> dict[str, Any]:
                 "traffic": channel.traffic_frames,
                 "load": channel.load.busy_ns / duration_ns,
                 "discarded": channel.discarded,
-                "errors": 0 if channel.errors is None else channel.errors.count,
-                "bus_offs": 0 if channel.errors is None else channel.errors.bus_offs,
-                "lost_in_bus_off": channel.lost_in_bus_off,
             }
             for name, channel in sorted(broker.channels.items())
         },
@@ -45,10 +40,6 @@ def summary_line(report: dict[str, Any]) -> str:
         parts.append(f"{name} {channel['frames']} frames, load {channel['load']:.1%}")
         if channel["discarded"]:
             parts[-1] += f", {channel['discarded']} of clients that had gone discarded"
-        if channel["errors"]:
-            parts[-1] += f", {channel['errors']} errors"
-        if channel["bus_offs"]:
-            parts[-1] += f", {channel['bus_offs']}x bus-off"
     clients = report["clients"]
     parts.append(f"{clients['served']} clients, {clients['most']} at once")
     gone = [

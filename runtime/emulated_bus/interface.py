@@ -16,23 +16,18 @@ import can
 from can.bus import BusState, CanProtocol
 from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
-from ..bus_model.fault_confinement import ControllerState
-from ..bus_model.socketcan_error_frames import state_of
-from ..frame import ERROR, ERROR_STATE, REMOTE_LENGTH_SHIFT, Frame
+from ..frame import ERROR_STATE, REMOTE_LENGTH_SHIFT, Frame
 from ..frame.message import frame_of, message_of
 from .address import AddressError, connect, default_address, parse_address
 from .protocol import (
     ANSWER,
     FD_LENGTHS,
-    FILTERS_MAX,
     OWN,
     Answer,
     Buffer,
-    Filter,
     Hello,
     ProtocolError,
     check_frame,
-    pack_filters,
     pack_frame,
     record_format,
     unpack_answer,
@@ -55,17 +50,14 @@ class EmulatedBus(can.BusABC):
     """A client on one channel of an emulated bus.
 
     ``channel``               any name; clients with the same one share a bus
-    ``can_filters``           as in all of python-can; the broker applies them too, so that other
-                              frames do not wake the client
+    ``can_filters``           as in all of python-can
     ``address``               where the broker listens, as its ``--address``; its default if None
     ``receive_own_messages``  also receive what this client sends, at its end of frame
     ``fd``                    send and receive CAN FD frames; the broker has to carry them
     ``bitrate``               the required bit rate [bit/s]; None: any
     ``data_bitrate``          the required bit rate of the data phase of CAN FD [bit/s]; None: any
 
-    Where the bus has errors, it receives SocketCAN's error frame for each new state of its own
-    controller. Options for other interfaces in python-can's configuration are ignored, as in all
-    interfaces.
+    Options for other interfaces in python-can's configuration are ignored, as in all interfaces.
 
     Raises can.CanInitializationError in one line when the bus cannot be joined.
     """
@@ -87,7 +79,6 @@ class EmulatedBus(can.BusABC):
         self._record = record_format(fd)
         self._partial = b""
         self._is_lost = False
-        self._confinement = ControllerState.ERROR_ACTIVE
         self._full: set[tuple[int, bool]] = set()
         # send_periodic sends from another thread.
         self._send_lock = threading.Lock()
@@ -113,11 +104,7 @@ class EmulatedBus(can.BusABC):
             self._send_all(raw, timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        """Receive one frame; the second value is whether python-can must not filter it.
-
-        python-can filters too, because frames on their way have passed the filters before
-        ``set_filters``. Error frames are not filtered.
-        """
+        """Receive one frame, which python-can is still to filter."""
         while (raw := self._next_record(timeout)) is not None:
             try:
                 frame, time_ns = unpack_delivery(self._record, raw)
@@ -127,10 +114,7 @@ class EmulatedBus(can.BusABC):
                 (self._full.discard if frame.has_room else self._full.add)(frame[:2])
                 timeout = 0.0  # a frame may be behind it
                 continue
-            if frame.flags & ERROR:
-                self._confinement = state_of(frame) or self._confinement
-            message = _received_message(frame, time_ns, self._channel)
-            return message, bool(message.is_error_frame)
+            return _received_message(frame, time_ns, self._channel), False
         return None, False
 
     def _next_record(self, timeout: float | None) -> bytes | None:
@@ -181,20 +165,6 @@ class EmulatedBus(can.BusABC):
             "client has not read for too long"
         )
 
-    def _apply_filters(self, filters: CanFilters | None) -> None:
-        """Let the broker filter too, if there are not too many filters."""
-        chosen = [
-            Filter(
-                wanted["can_id"] & 0xFFFF_FFFF, wanted["can_mask"] & 0xFFFF_FFFF,
-                wanted.get("extended"),
-            )
-            for wanted in filters or ()
-        ]  # fmt: skip
-        if len(chosen) > FILTERS_MAX:
-            chosen = []
-        with self._send_lock:
-            self._send_all(pack_filters(self._record, chosen), None)
-
     def fileno(self) -> int:
         """Descriptor that is readable when a frame waits."""
         return self._socket.fileno()
@@ -215,14 +185,8 @@ class EmulatedBus(can.BusABC):
 
     @property
     def state(self) -> BusState:
-        """As of the last ``recv``.
-
-        ERROR in bus-off and when the broker has ended, PASSIVE when error passive, else ACTIVE.
-        """
-        if self._is_lost or self._confinement is ControllerState.BUS_OFF:
-            return BusState.ERROR
-        is_passive = self._confinement is ControllerState.ERROR_PASSIVE
-        return BusState.PASSIVE if is_passive else BusState.ACTIVE
+        """ERROR when the broker has ended, as of the last ``recv`` or ``send``; else ACTIVE."""
+        return BusState.ERROR if self._is_lost else BusState.ACTIVE
 
     @state.setter
     def state(self, new_state: BusState) -> None:

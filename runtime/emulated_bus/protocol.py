@@ -23,29 +23,23 @@ from typing import NamedTuple
 
 from ..frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
 
-MAGIC = b"emucan\x00\x03"
+MAGIC = b"emucan\x00\x04"
 """Name and version: both sides close on any other."""
 
 CHANNEL_BYTES_MAX = 64
 """Longest channel name, in UTF-8."""
-FILTERS_MAX = 512
-"""Filters one client may have at the broker; as many as a SocketCAN socket may."""
 
 OWN = 64
 """Flag next to those of ``runtime.frame``: the client that receives this frame sent it."""
 
 _FRAME = 1
-_FILTER = 2
-_CLEAR_FILTERS = 3
-_BUFFER = 4
+_BUFFER = 2
 
 _HELLO_FD = 1
 _HELLO_RECEIVE_OWN = 2
 
 _SENDABLE = EXTENDED | REMOTE | FD | BITRATE_SWITCH | ERROR_STATE
 _FD_ONLY = BITRATE_SWITCH | ERROR_STATE
-_FORMATS = (None, False, True)
-"""Filter.extended, by its number in a record."""
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Payload lengths a CAN FD frame can have [bytes]."""
@@ -114,31 +108,12 @@ def unpack_answer(raw: bytes) -> Answer:
     return Answer(bitrate_bit_s, data_bitrate_bit_s, _text(reason))
 
 
-class Filter(NamedTuple):
-    """Lets a frame pass whose identifier equals ``can_id`` in the bits of ``mask``.
-
-    ``extended``  only 29-bit (True) or only 11-bit identifiers (False); None for both
-    """
-
-    can_id: int
-    mask: int
-    extended: bool | None = None
-
-
-class ClearFilters(NamedTuple):
-    """Takes all filters away: without filters everything passes."""
-
-
 class Buffer(NamedTuple):
     """The broker's report on a client's transmit buffer for one identifier."""
 
     can_id: int
     extended: bool
     has_room: bool
-
-
-Request = Frame | Filter | ClearFilters
-"""Meaning of a client's record."""
 
 
 def record_format(fd: bool) -> Struct:
@@ -151,15 +126,6 @@ def pack_frame(record: Struct, frame: Frame, time_ns: int = 0) -> bytes:
     can_id, data, flags = frame
     length = len(data) or flags >> REMOTE_LENGTH_SHIFT
     return record.pack(_FRAME, flags & 0xFF, length, can_id, time_ns, data)
-
-
-def pack_filters(record: Struct, filters: list[Filter]) -> bytes:
-    """Return the records that replace all filters of a client by ``filters``."""
-    records = [record.pack(_CLEAR_FILTERS, 0, 0, 0, 0, b"")]
-    for can_id, mask, extended in filters:
-        formats, bits = _FORMATS.index(extended), mask.to_bytes(4, "little")
-        records.append(record.pack(_FILTER, formats, 4, can_id, 0, bits))
-    return b"".join(records)
 
 
 def pack_buffer(record: Struct, buffer: Buffer) -> bytes:
@@ -181,20 +147,16 @@ def unpack_delivery(record: Struct, raw: bytes) -> tuple[Frame | Buffer, int]:
     return _frame(can_id, data, length, flags), time_ns
 
 
-def unpack_request(record: Struct, raw: bytes) -> Request:
-    """Read what a client sends; raises ProtocolError for what cannot be on its bus."""
+def unpack_sent(record: Struct, raw: bytes) -> Frame:
+    """Read the frame that a client sends; raises ProtocolError for what cannot be on its bus."""
     kind, flags, length, can_id, _, data = record.unpack(raw)
-    if kind == _FRAME:
-        frame = _frame(can_id, data, length, flags)
-        check_frame(frame)
-        if flags & FD and record is not FD_RECORD:
-            raise ProtocolError("a CAN FD frame from a client of classic frames")
-        return frame
-    if kind == _FILTER and flags < len(_FORMATS):
-        return Filter(can_id, int.from_bytes(data[:4], "little"), _FORMATS[flags])
-    if kind == _CLEAR_FILTERS:
-        return ClearFilters()
-    raise ProtocolError(f"an unknown record {kind}")
+    if kind != _FRAME:
+        raise ProtocolError(f"an unknown record {kind}")
+    frame = _frame(can_id, data, length, flags)
+    check_frame(frame)
+    if flags & FD and record is not FD_RECORD:
+        raise ProtocolError("a CAN FD frame from a client of classic frames")
+    return frame
 
 
 def check_frame(frame: Frame) -> None:

@@ -59,13 +59,6 @@ class TransmitBuffers:
         self._full.discard(key)
         return Buffer(*key, has_room=True)
 
-    def clear(self) -> list[Buffer]:
-        """Forget all frames; returns the news that there is room again."""
-        news = [Buffer(*key, has_room=True) for key in sorted(self._full)]
-        self._waiting.clear()
-        self._full.clear()
-        return news
-
 
 def _key(frame: Frame) -> _Key:
     return frame.can_id, frame.flags & EXTENDED != 0

@@ -7,7 +7,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..bus_model.settings import ClockSettings
 from ..command_line import (
     add_json_argument,
     add_overrides_argument,
@@ -21,7 +20,6 @@ from ..port.interface_choice import add_bus_arguments
 from ..recording.recorder import recording_obstacle
 from ..settings import Settings, SharedTable, load_settings, preset_names, read_preset
 from ..settings.mistakes import setting_keys
-from .bus_options import clock
 from .priority_and_memory_lock import priority
 
 _S = TypeVar("_S", bound=Settings)
@@ -47,10 +45,6 @@ def make_parser(
     parser.add_argument(
         "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
     )
-    parser.add_argument(
-        "--clock", type=clock, default=ClockSettings(), metavar="PPM[:PPM_S]",
-        help="error of the program's clock, and its drift per second",
-    )  # fmt: skip
     add_real_time_arguments(parser)
     add_bus_arguments(parser)
     group = parser.add_argument_group("a bus that fails")

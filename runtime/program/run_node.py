@@ -12,11 +12,9 @@ from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from typing import Any, NamedTuple
 
-from ..bus_model.settings import ClockSettings
 from ..command_line import say
 from ..exit_status import BusError, ExitStatus, most_severe
-from ..node import NS_PER_S, NS_PER_US, N, Node, ReportingNode, innermost
-from ..node.drifting_clock import DriftingClock
+from ..node import NS_PER_S, NS_PER_US, N, ReportingNode, innermost
 from ..node.real_time_loop import LoopFigures, RealTimeExecutor, unobserved
 from ..port.connection import Connection, ConnectionFigures
 from ..port.port import open_port
@@ -130,7 +128,6 @@ def run_node(
         report = run_report(name, ended_by, opened.description, settings, run.loop, figures)
         report["connection"] = connection_report(run.connection)
         report["host"] = run.host
-        report["clock"] = options.clock.model_dump()
         report["recording"] = None if recorded is None else recorded._asdict()
         if options.json is not None:
             write_json(options.json, report)
@@ -170,13 +167,9 @@ def _run_in_real_time(
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         node = make_node(start_ns)
         port = connection if recording is None else RecordingPort(connection, recording)
-        clock: ClockSettings = options.clock
-        drifting = DriftingClock(node, clock.ppm, clock.drift_ppm_s, start_ns)
-        timed: Node = node if clock == ClockSettings() else drifting
-        observer = Observer(lambda now_ns: node.view(drifting.local_ns(now_ns)), screen, start_ns)
-        observe = unobserved if options.quiet else observer
+        observe = unobserved if options.quiet else Observer(node.view, screen, start_ns)
         executor = RealTimeExecutor(
-            timed, port, spin_ns=options.spin_us * NS_PER_US, observe=observe
+            node, port, spin_ns=options.spin_us * NS_PER_US, observe=observe
         )
         screen.start()
         try:

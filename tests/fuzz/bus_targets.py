@@ -108,22 +108,14 @@ def _hello(choices: Choices) -> bytes:
 
 def _records(choices: Choices) -> bytes:
     record = protocol.CLASSIC_RECORD if choices.chance(160) else protocol.FD_RECORD
-    kind = choices.integer(0, 5)
+    kind = choices.integer(0, 4)
     if kind < 3:
         frame = Sender().frame(choices)
         length_max = 8 if record.size < 80 else 64
         raw = protocol.pack_frame(record, frame._replace(data=frame.data[:length_max]))
         raw *= choices.integer(1, 80)
     elif kind == 3:
-        chosen = [
-            protocol.Filter(
-                choices.integer(0, 0x7FF), choices.integer(0, 0x7FF), choices.pick((None, True))
-            )
-            for _ in range(choices.integer(0, 20))
-        ]
-        raw = protocol.pack_filters(record, chosen) * choices.integer(1, 40)
-    elif kind == 4:
-        head = (choices.integer(0, 4), *choices.raw(2), choices.integer(0, 2**32 - 1))
+        head = (choices.integer(0, 2), *choices.raw(2), choices.integer(0, 2**32 - 1))
         raw = record.pack(*head, 0, choices.raw(64))
     else:
         raw = choices.raw(choices.integer(0, 200))

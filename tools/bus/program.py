@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 
+from ...runtime.bus_model.settings import BusSettings
 from ...runtime.command_line import (
     add_json_argument,
     command_parser,
@@ -33,10 +34,9 @@ from ...runtime.emulated_bus.address import (
 )
 from ...runtime.emulated_bus.broker import Broker
 from ...runtime.emulated_bus.broker_report import broker_report, summary_line
-from ...runtime.emulated_bus.channel import ChannelConditions
+from ...runtime.emulated_bus.channel import NO_TRAFFIC, Traffic
 from ...runtime.exit_status import ExitStatus, cause_of
 from ...runtime.program.bus_options import (
-    add_error_arguments,
     add_traffic_arguments,
     bit_rate,
     bus_settings,
@@ -53,28 +53,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> ExitStatus:
-    conditions = _conditions(options)
+    settings = bus_settings(options)
+    traffic = _traffic(settings, options.seed)
     address = parse_address(options.address) if options.address else default_address()
     with listening(address) as listener:
-        _serve(listener, address, options, conditions)
+        _serve(listener, address, options, settings.bitrate_bit_s, traffic)
     return ExitStatus.OK
 
 
-def _conditions(options: argparse.Namespace) -> ChannelConditions:
-    settings = bus_settings(options)
+def _traffic(settings: BusSettings, seed: int) -> Traffic:
     if not settings.has_traffic:
-        return ChannelConditions(settings, (), options.seed)
+        return NO_TRAFFIC
     # Not at the top: it imports cantools, which takes longer than all the rest.
     from ...closed_loop.pair.rest_bus_from_dbc import traffic_of
 
-    return ChannelConditions(settings, traffic_of(settings, options.seed), options.seed)
+    return Traffic(traffic_of(settings, seed), seed)
 
 
 def _serve(
     listener: socket.socket,
     address: Address,
     options: argparse.Namespace,
-    conditions: ChannelConditions,
+    bitrate_bit_s: int,
+    traffic: Traffic,
 ) -> None:
     """Serve until a signal or the end of standard input, and report.
 
@@ -82,7 +83,6 @@ def _serve(
     """
     if isinstance(address, TcpAddress):
         address = TcpAddress(*listener.getsockname())
-    bitrate_bit_s = conditions.settings.bitrate_bit_s
     rates = f"{bitrate_bit_s} bit/s"
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
@@ -91,7 +91,7 @@ def _serve(
         bitrate_bit_s,
         options.data_bitrate,
         _print_line,
-        conditions=conditions,
+        traffic=traffic,
         is_verbose=options.verbose,
     )
     failure = ""
@@ -179,10 +179,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--verbose", action="store_true", help="also print when clients join and leave"
     )
     add_traffic_arguments(parser)
-    add_error_arguments(parser)
     parser.add_argument(
         "--seed", type=whole_number(0, 2**63 - 1), default=1, metavar="N",
-        help="seed of rest bus and noise (default: %(default)s)",
+        help="seed of the rest bus (default: %(default)s)",
     )  # fmt: skip
     options = parser.parse_args(arguments)
     if options.end_with_stdin and sys.stdin is None:

@@ -39,7 +39,6 @@ from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.port import open_port
 from steer_by_wire.runtime.program.bus_options import (
-    add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
@@ -109,7 +108,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_dialect_argument(parser, "read the messages of a car, and start programs that speak them")
     add_bus_arguments(parser)
     add_traffic_arguments(parser)
-    add_error_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 

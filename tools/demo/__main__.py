@@ -27,7 +27,6 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.bus_options import (
-    add_error_arguments,
     add_traffic_arguments,
     bus_settings,
 )
@@ -66,7 +65,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--duration", type=duration, metavar="SECONDS", help="default: 32")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the latency; default: 1086")
     add_traffic_arguments(parser)
-    add_error_arguments(parser)
     return run_main(NAME, partial(_demo, parser.parse_args(arguments)))
 
 

@@ -47,7 +47,7 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.program.bus_options import (
-    add_error_arguments,
+    add_error_argument,
     add_traffic_arguments,
     bit_rate,
     bus_settings,
@@ -110,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )  # fmt: skip
     bus.add_argument("--ideal-wire", action="store_true", help="frames take no time on the bus")
     add_traffic_arguments(parser)
-    add_error_arguments(parser, "plant or controller")
+    add_error_argument(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
     add_json_argument(parser)
     add_fail_if_argument(parser, QUANTITIES)

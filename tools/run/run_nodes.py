@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...closed_loop.lockstep.node import LockstepNode, controller_in, controller_node
-from ...closed_loop.pair.virtual_bus import SharedBus, virtual_bus, with_clocks
+from ...closed_loop.pair.virtual_bus import SharedBus, virtual_bus
 from ...closed_loop.pair.virtual_pair import (
     START_S_MAX,
     make_virtual_plant,
@@ -48,8 +48,7 @@ def run_in_virtual_time(
     with stop.on_signals(), controller_node(controller) as node:
         try:
             edges = edge, controller_in(language, node)
-            nodes = with_clocks(*edges, settings)
-            run_virtual_nodes(*nodes, bus, candump_log, lambda: stop() or is_in_vain())
+            run_virtual_nodes(*edges, bus, candump_log, lambda: stop() or is_in_vain())
         except BusOverflowError as error:
             raise BusError(f"{bitrate} bit/s are too few: {error}") from error
     elapsed_s = time.perf_counter() - begin_s

@@ -53,9 +53,8 @@ FACTORS = """
 key = "bus.bit_error_rate"
 values = [0.0, 0.01]
 [[factors]]
-name = "clock_ppm"
-key = "bus.clock.plant.ppm"
-values = [0.0, 2000.0]
+key = "plant.sensor_period_ms"
+values = [10.0, 10.02]
 """
 
 
@@ -113,7 +112,7 @@ def test_load_errors_and_clocks_are_factors_and_every_run_can_be_repeated(
     overrides = json.dumps(Scenarios(load_study(file)).case(3).overrides)
     bus = pair_of_row(identity, {"overrides": overrides, "controller": "practical_pd"}).bus
     assert bus is not None
-    assert (bus.load, bus.bit_error_rate, bus.clock["plant"].ppm) == (0.6, 0.01, 2000.0)
+    assert (bus.load, bus.bit_error_rate) == (0.6, 0.01)
 
 
 def test_a_study_without_a_bus_is_compiled(tmp_path: Path) -> None:
@@ -131,10 +130,6 @@ def test_a_study_without_a_bus_is_compiled(tmp_path: Path) -> None:
         ("[base.bus]\nload = 3.0\n", r"base\.bus: load = 3\.0 should be"),
         ("[base.bus]\nnoise = 3.0\n", r"base\.bus: noise"),
         (FACTORS.replace("0.01", "0.1"), r"factor bit_error_rate: bus\.bit_error_rate = 0\.1"),
-        (
-            FACTORS.replace("clock.plant.ppm", "clock.vehicle.ppm"),
-            r"clock\.vehicle: is no node of this bus \(plant or controller\)",
-        ),
         ('[base.bus]\nrest_bus = ["none.dbc"]\n', r"rest_bus: none\.dbc: No such file"),
     ],
 )

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.bit_noise import BusNoise, NoiseRates
+from steer_by_wire.runtime.bus_model.bit_noise import BusNoise
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.fault_confinement import ControllerState, ErrorCounters
@@ -124,7 +124,7 @@ def test_bus_off_loses_the_frames_and_ends_after_its_time() -> None:
 
 
 def test_a_bus_with_noise_of_rate_zero_is_the_bus_without() -> None:
-    quiet = BusErrors(BusNoise(NoiseRates(0.0), BITRATE_BIT_S, 1))
+    quiet = BusErrors(BusNoise(0.0, BITRATE_BIT_S, 1))
     buses = BusModel(BITRATE_BIT_S), BusModel(BITRATE_BIT_S, errors=quiet)
     draw, now_ns, ends = random.Random(3), 0, ([], [])
     for number in range(2000):
@@ -137,26 +137,18 @@ def test_a_bus_with_noise_of_rate_zero_is_the_bus_without() -> None:
     assert buses[0].load == buses[1].load
 
 
-def test_noise_has_its_rate_inside_and_outside_bursts() -> None:
-    noise = BusNoise(NoiseRates(1e-4), BITRATE_BIT_S, 5)
+def test_noise_has_its_rate() -> None:
+    noise = BusNoise(1e-4, BITRATE_BIT_S, 5)
     hits, now_ns = 0, 0
     while (hit_ns := noise.first_hit_ns(now_ns)) < 100_000_000_000:
         hits, now_ns = hits + 1, hit_ns + 1
     assert abs(hits - 5000) < 4 * 5000**0.5
-    bursts = BusNoise(NoiseRates(0.0, 0.01, 0.09, 0.01), BITRATE_BIT_S, 5)
-    hits, now_ns = 0, 0
-    while (hit_ns := bursts.first_hit_ns(now_ns)) < 20_000_000_000:
-        hits, now_ns = hits + 1, hit_ns + 1
-    # A tenth of 20 s at 5000 hits a second; some two hundred bursts.
-    assert abs(hits - 10_000) < 4 * 10_000 * (2 / 200) ** 0.5
 
 
-@pytest.mark.parametrize(
-    "rates", [NoiseRates(-0.1), NoiseRates(0.6), NoiseRates(0.0, 0.1), NoiseRates(0.0, 0.1, 1.0)]
-)
-def test_rates_that_make_no_sense_are_refused(rates: NoiseRates) -> None:
-    with pytest.raises(ValueError, match=r"bit error rates|bursts"):
-        BusNoise(rates, BITRATE_BIT_S, 1)
+@pytest.mark.parametrize("rate", [-0.1, 0.6])
+def test_a_rate_that_makes_no_sense_is_refused(rate: float) -> None:
+    with pytest.raises(ValueError, match="bit error rate"):
+        BusNoise(rate, BITRATE_BIT_S, 1)
 
 
 def test_the_counters_follow_the_standard() -> None:

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.bit_noise import BusNoise, NoiseRates
+from steer_by_wire.runtime.bus_model.bit_noise import BusNoise
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
@@ -71,7 +71,7 @@ def drive(
 def errors_with(bit_error_rate: float | None, events: list[ErrorEvent]) -> BusErrors | None:
     if bit_error_rate is None:
         return None
-    errors = BusErrors(BusNoise(NoiseRates(bit_error_rate), BITRATE_BIT_S, 5), events.append)
+    errors = BusErrors(BusNoise(bit_error_rate, BITRATE_BIT_S, 5), events.append)
     for node in range(-5, 2):
         errors.join(node)
     return errors

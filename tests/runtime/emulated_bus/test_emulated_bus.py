@@ -19,7 +19,6 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
     CLASSIC_RECORD,
-    FILTERS_MAX,
     Hello,
     pack_frame,
 )
@@ -154,18 +153,6 @@ def test_what_no_controller_can_send_is_refused_when_it_is_sent(
     bus = client(stack, classic_address, channel=uuid.uuid4().hex)
     with pytest.raises(can.CanOperationError, match="not a frame that can be sent"):
         bus.send(wrong)
-
-
-def test_more_filters_than_the_broker_holds_still_filter(
-    stack: ExitStack, classic_address: str
-) -> None:
-    channel = uuid.uuid4().hex
-    one = client(stack, classic_address, channel=channel)
-    other = client(stack, classic_address, channel=channel)
-    other.set_filters([{"can_id": n, "can_mask": 0x7FF} for n in range(FILTERS_MAX + 1)])
-    one.send(message(FILTERS_MAX + 1))
-    one.send(message(FILTERS_MAX))
-    assert receive(other).arbitration_id == FILTERS_MAX
 
 
 def test_every_frame_of_a_burst_reaches_an_asyncio_notifier(

@@ -6,24 +6,15 @@ Clients are ordinary sockets, the broker is stepped by hand in the same thread: 
 import random
 import socket
 
-from hypothesis import given
-from hypothesis import strategies as st
-
 from steer_by_wire.runtime.emulated_bus.broker_connection import (
-    MASKS_MAX,
     OUTGOING_BYTES_MAX,
     READ_BYTES,
     Cause,
-    Connection,
 )
 from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
-    FILTERS_MAX,
     HELLO,
     Buffer,
-    Filter,
-    Hello,
-    pack_filters,
     pack_frame,
     unpack_delivery,
 )
@@ -32,7 +23,7 @@ from steer_by_wire.runtime.emulated_bus.transmit_buffers import (
     BUFFERS_MAX,
     FRAMES_WAITING_MAX,
 )
-from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.frame import Frame
 from tests.support.programs.broker_bench import (
     CLASSIC_FRAME_NS,
     Bench,
@@ -166,69 +157,6 @@ def test_a_client_has_a_bounded_number_of_transmit_buffers(bench: Bench) -> None
     assert client.buffers.frames_waiting == BUFFERS_MAX
     bench.advance(len(frames) * CLASSIC_FRAME_NS)
     assert received(listener) == frames
-
-
-def test_filters_take_effect_and_may_change(bench: Bench) -> None:
-    one, other = bench.join(), bench.join()
-    for can_id in (0x100, 0x101):
-        other.sendall(pack_filters(CLASSIC_RECORD, [Filter(can_id, 0x7FF)]))
-        bench.step()
-        send(one, Frame(0x100, b"a"), Frame(0x101, b"b"))
-        bench.step()
-        bench.advance(3 * CLASSIC_FRAME_NS)
-        assert [frame.can_id for frame in received(other)] == [can_id]
-
-
-@given(
-    st.lists(
-        st.builds(
-            Filter,
-            st.integers(0, 0x1FFF_FFFF),
-            st.sampled_from([0, 0x7FF, 0x700, 0x1FFF_FFFF, 0x1F]),
-            st.sampled_from([None, True, False]),
-        ),
-        max_size=12,
-    ),
-    st.integers(0, 0x1FFF_FFFF),
-    st.booleans(),
-)
-def test_filters_pass_what_one_of_them_passes(
-    filters: list[Filter], can_id: int, is_extended: bool
-) -> None:
-    near, far = socket.socketpair()
-    with near, far:
-        client = Connection(near, 1)
-        far.sendall(Hello("can0").pack() + pack_filters(CLASSIC_RECORD, filters))
-        client.read()
-        client.read_hello()
-        assert client.next_frame() is None
-    frame = Frame(can_id if is_extended else can_id & 0x7FF, b"", EXTENDED * is_extended)
-    expected = not filters or any(
-        not (wanted.can_id ^ frame.can_id) & wanted.mask and wanted.extended in (None, is_extended)
-        for wanted in filters
-    )
-    assert client.wants(frame, sender=2) is expected
-
-
-def test_more_masks_than_are_looked_up_let_everything_through(bench: Bench) -> None:
-    one, other = bench.join(), bench.join()
-    filters = [Filter(0x1000_0000, 0x1000_0000 + n) for n in range(MASKS_MAX + 1)]
-    other.sendall(pack_filters(CLASSIC_RECORD, filters))
-    bench.step()
-    send(one, Frame(0x100, b""))
-    bench.step()
-    bench.advance(2 * CLASSIC_FRAME_NS)
-    assert received(other) == [Frame(0x100, b"")]
-
-
-def test_more_filters_than_there_may_be_are_garbage(bench: Bench) -> None:
-    client = bench.join()
-    raw = pack_filters(CLASSIC_RECORD, [Filter(n, 0x7FF) for n in range(FILTERS_MAX + 1)])
-    for start in range(0, len(raw), READ_BYTES):
-        client.sendall(raw[start : start + READ_BYTES])
-        bench.step()
-    assert bench.gone(Cause.GARBAGE) == 1
-    assert is_closed(client)
 
 
 # Stalls

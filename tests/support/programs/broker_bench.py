@@ -11,7 +11,7 @@ import pytest
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.broker import Broker
 from steer_by_wire.runtime.emulated_bus.broker_connection import Cause
-from steer_by_wire.runtime.emulated_bus.channel import UNDISTURBED, ChannelConditions
+from steer_by_wire.runtime.emulated_bus.channel import NO_TRAFFIC, Traffic
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
     CLASSIC_RECORD,
@@ -33,7 +33,7 @@ class Bench:
     def __init__(
         self,
         stack: ExitStack,
-        conditions: ChannelConditions = UNDISTURBED,
+        traffic: Traffic = NO_TRAFFIC,
         data_bitrate_bit_s: int | None = None,
     ) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
@@ -48,7 +48,7 @@ class Bench:
             data_bitrate_bit_s,
             self.lines.append,
             lambda: self.now_ns,
-            conditions=conditions,
+            traffic=traffic,
         )
         stack.callback(self._close)
 

@@ -46,16 +46,10 @@ def test_a_run_in_virtual_time_leaves_its_files_and_prints_its_figures(
     assert f"{1e3 * plant['node']['lateral_error_rms_m']:.2f} mm" in printed
 
 
-BAD_BUS = (
-    *("--load", "0.5", "--bit-error-rate", "1e-3", "--burst", "0.005:0.5:0.05"),
-    *("--clock", "controller=200:10"),
-)
-
-
 @pytest.mark.parametrize(
     "wire",
-    [["--bitrate", "250000"], ["--ideal-wire"], ["--ideal-wire", "--clock", "plant=100"], BAD_BUS],
-    ids=["bit rate", "ideal", "clock", "errors"],
+    [["--bitrate", "250000"], ["--ideal-wire"], ["--load", "0.5", "--bit-error-rate", "1e-3"]],
+    ids=["bit rate", "ideal", "errors"],
 )
 def test_the_command_it_prints_makes_the_same_run_again(
     wire: Sequence[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -165,7 +159,6 @@ def test_log2asc_finds_every_error_frame_of_a_recording(noisy_log: Path) -> None
         (["--controller", "missing.toml"], 2, "missing.toml"),
         (["--bitrate", "10000"], 3, "10000 bit/s are too few"),
         (["--bit-error-rate", "0.1"], 2, "bit_error_rate = 0.1 should be"),
-        (["--clock", "rig=10"], 2, "clock.rig: is no node of this bus (plant or controller)"),
         (["--rest-bus", "none.dbc"], 2, "rest_bus: none.dbc: No such file"),
         (["--bus-settings", "none.toml"], 2, "none.toml: cannot be read"),
         (["--ideal-wire", "--load", "0.5"], 2, "need a bus with a bit rate"),
@@ -184,8 +177,6 @@ def test_a_mistake_is_one_line_and_a_status(
     ("option", "complaint"),
     [
         *((f"--bitrate={it}", "10000 to 1000000") for it in ("0", "-5", "2000000", "fast")),
-        ("--burst=0.01:3", "has not three parts"),
-        ("--clock=plant", "not of the form NODE=PPM"),
         ("--load=much", "is not a number"),
     ],
 )
