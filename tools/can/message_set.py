@@ -11,7 +11,7 @@ from ...runtime.frame.length_with_stuff_bits import FrameBits
 from ...runtime.frame.longest_frame import longest_frame
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import SettingsError
-from .response_time_bounds import Traffic, Wire, load, miss_probability, wire_of, worst_response_ns
+from .response_time_bounds import Traffic, Wire, load, wire_of, worst_response_ns
 
 
 class BusSettings(NamedTuple):
@@ -22,7 +22,6 @@ class BusSettings(NamedTuple):
     jitter_ms: float
     error_interval_ms: float | None
     errors: int = 0
-    bit_error_rate: float | None = None
 
     def wire(self) -> Wire:
         """Return what the analysis needs of the bus."""
@@ -116,16 +115,10 @@ def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMes
 
 
 class Response(NamedTuple):
-    """One message.
-
-    ``bound_ns``  longest response with any payload; None if the bus is overloaded
-    ``miss``      chance, at most, that a release misses its deadline, which is its period, with
-                  errors at random; None without any
-    """
+    """One message, and its longest response with any payload [ns]; None on an overloaded bus."""
 
     message: SentMessage
     bound_ns: int | None
-    miss: float | None
 
     @property
     def is_in_time(self) -> bool | None:
@@ -136,16 +129,7 @@ class Response(NamedTuple):
 def respond(messages: Sequence[SentMessage], bus: BusSettings) -> list[Response]:
     """Return the bounds of every message."""
     bounds, wire = [m.bound for m in messages], bus.wire()
-    responses = []
-    for message in messages:
-        miss = None
-        if bus.bit_error_rate is not None:
-            errors_s = bus.bit_error_rate * bus.bitrate_bit_s
-            deadline_ns = message.bound.period_ns
-            miss = miss_probability(message.bound, bounds, wire, errors_s, deadline_ns)
-        bound_ns = worst_response_ns(message.bound, bounds, wire)
-        responses.append(Response(message, bound_ns, miss))
-    return responses
+    return [Response(one, worst_response_ns(one.bound, bounds, wire)) for one in messages]
 
 
 def load_of(messages: Sequence[SentMessage], bus: BusSettings) -> float:

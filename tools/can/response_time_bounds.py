@@ -7,10 +7,8 @@ Source: Davis, Burns, Bril and Lukkien, *Controller Area Network (CAN) schedulab
 refuted, revisited and revised*, Real-Time Systems 35 (2007), equations (6) to (13); errors after
 Tindell, Burns and Wellings, *Calculating CAN message response times*, Control Eng. Practice 3
 (1995): in a time t at most ``errors`` + 1 + t / T_error of them (without an interval ``errors``
-alone), each of which costs its error frame and the longest frame that it can destroy.
-``miss_probability`` after Broster, Burns and Rodriguez-Navas, *Probabilistic analysis of CAN with
-faults*, RTSS 2002: errors at random, and the chance that there are more of them than the deadline
-leaves time for. Published figures of both are compared in the tests.
+alone), each of which costs its error frame and the longest frame that it can destroy. Published
+figures are compared in the tests.
 
 ``C`` is a frame with intermission, ``T`` its period, ``J`` the jitter of its release, ``B`` the
 longest frame of lower priority, which has just won the bus. A response time ends at the end of
@@ -20,13 +18,11 @@ All times are integer nanoseconds. ``granularity_ns`` is how much later than ano
 be and still meet the same arbitration: a bit time on a real bus, 1 ns in this project's bus model.
 """
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 ERROR_FRAME_BITS = 31
 """Error flags of all nodes, delimiter and intermission, at most (Tindell 1995)."""
-_ERRORS_MAX = 100
 _BUSY_PERIOD_NS_MAX = 3_600_000_000_000
 
 
@@ -145,32 +141,3 @@ def _error_ns(time_ns: int, exposed: Sequence[Traffic], wire: Wire) -> int:
     if wire.error_interval_ns is not None:
         errors += 1 + time_ns // wire.error_interval_ns
     return errors * (wire.error_frame_ns + max(m.frame_ns for m in exposed))
-
-
-def miss_probability(
-    message: Traffic, messages: Sequence[Traffic], wire: Wire, errors_per_s: float, deadline_ns: int
-) -> float:
-    """Chance, at most, that one release misses its deadline with errors at random.
-
-    ``errors_per_s``  mean number of errors (Poisson)
-
-    With R(k) the worst response with k errors, a release that meets them is done after R(k) unless
-    one more comes before. The chance of being done exactly then is that of k errors in R(k), less
-    that of having been done before and meeting the others afterwards.
-    """
-    done: list[tuple[float, float]] = []
-    while True:
-        count = len(done)
-        response_ns = worst_response_ns(message, messages, wire._replace(errors=count))
-        if response_ns is None or response_ns > deadline_ns or count > _ERRORS_MAX:
-            return max(0.0, 1.0 - sum(chance for _, chance in done))
-        response_s = (response_ns - message.jitter_ns) * 1e-9  # no error counts before the release
-        chance = _poisson(count, errors_per_s * response_s) - sum(
-            earlier * _poisson(count - k, errors_per_s * (response_s - earlier_s))
-            for k, (earlier_s, earlier) in enumerate(done)
-        )
-        done.append((response_s, max(chance, 0.0)))
-
-
-def _poisson(count: int, mean: float) -> float:
-    return math.exp(-mean) * mean**count / math.factorial(count)

@@ -57,10 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="add N errors at the worst instants, as in a burst",
     )  # fmt: skip
     parser.add_argument(
-        "--bit-error-rate", type=number(0.0, 0.01), metavar="RATE",
-        help="random errors: print the probability of a missed deadline too",
-    )  # fmt: skip
-    parser.add_argument(
         "--period", action="append", default=[], metavar="NAME=MS",
         help="the cycle time of a message; may be repeated",
     )  # fmt: skip
@@ -69,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Analyse a message set and print it; returns the exit status."""
-    errors = options.error_interval_ms, options.errors_at_once, options.bit_error_rate
+    errors = options.error_interval_ms, options.errors_at_once
     bus = BusSettings(options.bitrate, options.data_bitrate, options.jitter_ms, *errors)
     messages, too_long, left_out = read_messages(options.files, options.period, bus)
     if too_long:
@@ -96,10 +92,7 @@ def response_table(responses: Sequence[Response], bus: BusSettings) -> Table:
     title = f"response times [ms] at {bus.bitrate_bit_s / 1000:g} kbit/s"
     numbers = ("bytes", "period", "frame", "bound", "deadline")
     table = plain_table(("message", "identifier"), numbers, title)
-    table.caption = (
-        "bound: any payload and phases. deadline: the period; a figure is the chance of a miss, "
-        "at most."
-    )
+    table.caption = "bound: any payload and phases. deadline: the period."
     for response in responses:
         bound = response.message.bound
         frame = response.message.frame
@@ -122,7 +115,6 @@ def record_of(responses: Sequence[Response], bus: BusSettings, load: float) -> d
                 "can_id": response.message.frame.can_id,
                 "longest_payload": response.message.frame.data.hex(),
                 "bound_ns": response.bound_ns,
-                "miss_probability": response.miss,
             }
             for response in responses
         ],
@@ -131,12 +123,9 @@ def record_of(responses: Sequence[Response], bus: BusSettings, load: float) -> d
 
 
 def _verdict(response: Response) -> str:
-    if not response.is_in_time:
-        return "no bound" if response.is_in_time is None else "MISSED"
-    if response.miss is None:
-        return "met"
-    # Below that it is what rounding leaves of 1.
-    return "met, < 1e-12" if response.miss < 1e-12 else f"met, {response.miss:.1e}"
+    if response.is_in_time is None:
+        return "no bound"
+    return "met" if response.is_in_time else "MISSED"
 
 
 def _ms(time_ns: int | None) -> str:

@@ -1,6 +1,5 @@
 """The bounds, against a proved implementation and the bus model itself."""
 
-import math
 import random
 
 import pytest
@@ -23,7 +22,6 @@ from steer_by_wire.tools.can.response_time_bounds import (
     Traffic,
     Wire,
     load,
-    miss_probability,
     wire_of,
     worst_response_ns,
 )
@@ -98,30 +96,6 @@ def test_the_critical_instant_reaches_the_bound(seed: int) -> None:
 def test_a_bus_that_is_overloaded_has_no_bound() -> None:
     high, low = Traffic("high", 1, MS, MS), Traffic("low", 2, MS, 100 * MS)
     assert worst_response_ns(low, [high, low], wire_of(BITRATE_BIT_S)) is None
-
-
-def test_errors_at_random_miss_a_deadline_as_often_as_computed() -> None:
-    # One message of 1 ms and an error frame of 0.1 ms; 2.5 ms leave time for one error. It is done
-    # by R(0) with no error, by R(1), 1.1 ms later, with one in R(0) and none in the rest.
-    message, rate = Traffic("m", 1, MS, 10 * MS), 100.0
-    wire = SILENT._replace(error_frame_ns=MS // 10)
-    within = (
-        math.exp(-rate * 0.001)
-        + math.exp(-rate * 0.0021) * (rate * 0.0021)
-        - math.exp(-rate * 0.001) * math.exp(-rate * 0.0011) * (rate * 0.0011)
-    )
-    miss = miss_probability(message, [message], wire, rate, 5 * MS // 2)
-    assert miss == pytest.approx(1 - within)
-    assert miss_probability(message, [message], wire, 0.0, 5 * MS // 2) == 0.0
-    assert miss_probability(message, [message], wire, rate, MS - 1) == 1.0
-
-
-def test_errors_before_a_late_release_do_not_count() -> None:
-    wire, late = SILENT._replace(error_frame_ns=MS // 10), 3 * MS
-    message = Traffic("m", 1, MS, 10 * MS)
-    miss = miss_probability(message, [message], wire, 100.0, 2 * MS)
-    message = message._replace(jitter_ns=late)
-    assert miss_probability(message, [message], wire, 100.0, 2 * MS + late) == pytest.approx(miss)
 
 
 def test_errors_cost_their_frames_and_too_many_leave_no_bound() -> None:
