@@ -26,10 +26,10 @@ from .network.settings import LatencySettings
 from .node.plant_status import PERIOD_NS
 from .path.path import Path
 from .sensors.sampling import samples_per_vehicle_state
-from .settings import PlantSettings
+from .settings import PlantSettings, plant_motion_params
 from .steering.safety_limiter import AVERAGING_S, Cause
 from .steering.settings import design_guard
-from .vehicle.motion_parameters import MotionParams, motion_params
+from .vehicle.moving_vehicle import AnyMotionParams
 from .vehicle.steady_turn import steady_steer_m, understeer_gradient_s2_m, wheelbase_m
 
 _POINTS = 4000
@@ -38,8 +38,8 @@ _SHOWN: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState,
 
 
 def check_text(settings: PlantSettings) -> str:
-    """Return the settings and what follows from them; raises what ``motion_params`` raises."""
-    params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
+    """Return the settings and what follows from them; raises as they do."""
+    params = plant_motion_params(settings)
     comments = [*_vehicle(settings), "", *_path(settings, params), "", *_network(settings), ""]
     lines = [f"# {comment}" if comment else "#" for comment in [*comments, *_wire(settings)]]
     return "\n".join([dump_toml(settings), *lines, ""])
@@ -63,7 +63,7 @@ def _vehicle(settings: PlantSettings) -> Iterator[str]:
         yield "  critical speed       none: it does not oversteer"
 
 
-def _path(settings: PlantSettings, params: MotionParams) -> Iterator[str]:
+def _path(settings: PlantSettings, params: AnyMotionParams) -> Iterator[str]:
     vehicle, path = settings.vehicle, params.path
     speed_m_s = vehicle.speed_m_s
     driven_m = speed_m_s * settings.duration_s

@@ -24,8 +24,7 @@ from .fail_if_quantities import RUN_QUANTITIES
 from .faults.messages_on_bus import messages_in, naming
 from .faults.stage import with_faults
 from .node.node import RECEIVED, SENT, PlantNode
-from .settings import PRESETS, PlantSettings, shared_vehicle
-from .vehicle.motion_parameters import motion_params
+from .settings import PRESETS, PlantSettings, plant_motion_params, shared_vehicle
 
 NAME = "steer-by-wire plant"
 ENDING = Ending({**RUN_QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
@@ -65,7 +64,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.check:
         print(check_text(settings), end="")
         return ExitStatus.OK
-    params = motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
+    params = plant_motion_params(settings)
     # Without a trace nobody reads the samples.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
 

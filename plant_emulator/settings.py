@@ -19,6 +19,9 @@ from .path.corridor import CORRIDOR_M
 from .path.settings import CorridorSettings, EllipseSettings, PathSettings, find_path_model
 from .sensors.settings import PathAheadSettings, SensorNoiseSettings
 from .steering.settings import SafetySettings, resync_ns_of
+from .vehicle.car.settings import CarSettings
+from .vehicle.motion_parameters import motion_params
+from .vehicle.moving_vehicle import AnyMotionParams
 from .vehicle.settings import (
     ActuatorSettings,
     DisturbanceSettings,
@@ -53,6 +56,8 @@ class PlantSettings(Settings):
     resync_frames: Annotated[int, Field(ge=1, le=100)] = 5
     """Commands in a row with consecutive counters after which a new sender is accepted."""
     vehicle: VehicleSettings = VehicleSettings()
+    car: CarSettings | None = None
+    """Makes it a car with tyres and a speed of its own; if omitted, the vehicle is linear."""
     actuator: ActuatorSettings = ActuatorSettings()
     path: PathSettings = EllipseSettings()
     disturbance: DisturbanceSettings = DisturbanceSettings()
@@ -118,6 +123,13 @@ class PlantSettings(Settings):
     def sensor_period_ns(self) -> int:
         """Period of the sensors [ns]."""
         return round(self.sensor_period_ms * NS_PER_MS)
+
+
+def plant_motion_params(settings: PlantSettings) -> AnyMotionParams:
+    """Return the constants of the motion; raises what ``motion_params`` raises."""
+    return motion_params(
+        settings.vehicle, settings.actuator, settings.path, settings.disturbance, settings.car
+    )
 
 
 def plant_preset(name: str, overrides: Sequence[str] = ()) -> PlantSettings:

@@ -6,6 +6,7 @@ LATERAL_ERROR cannot carry, or on a command of the law that is not finite; ``out
 which. In virtual time the nodes would go on.
 """
 
+from collections.abc import Sequence
 from enum import StrEnum
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -20,8 +21,13 @@ from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
+from ...plant_emulator.vehicle.car.car_design import car_motion_params
+from ...plant_emulator.vehicle.car.car_motion import CarInterval, GripPatch
+from ...plant_emulator.vehicle.car.settings import CarSettings
+from ...plant_emulator.vehicle.car.speed_control import SpeedLeg
 from ...plant_emulator.vehicle.disturbance import DisturbanceInterval
-from ...plant_emulator.vehicle.motion_parameters import MotionParams, design_motion_arrays
+from ...plant_emulator.vehicle.motion_parameters import design_motion_arrays
+from ...plant_emulator.vehicle.moving_vehicle import AnyMotionParams
 from ...plant_emulator.vehicle.settings import (
     ActuatorSettings,
     DisturbanceSettings,
@@ -51,10 +57,6 @@ _guard = lru_cache(maxsize=256)(design_guard)
 
 _MOTIONS_KEPT = 32
 """Motions cached for the next run with the same plant: about 2 MB each."""
-_INTERVAL = np.dtype(
-    [("start_ns", np.int64), *((name, np.float64) for name in DisturbanceInterval._fields[1:])]
-)
-_POSE = np.dtype([(name, np.float64) for name in Pose._fields])
 
 
 class FaultsNotCompiledError(SettingsError):
@@ -63,6 +65,10 @@ class FaultsNotCompiledError(SettingsError):
 
 class OwnVehicleNotCompiledError(SettingsError):
     """The vehicle's equations come from another package; only the nodes integrate those."""
+
+
+class SpeedNotCompiledError(SettingsError):
+    """The law reads the speed, and that of a car varies."""
 
 
 class _OverruledError(Exception):
@@ -98,20 +104,15 @@ class CompiledRun(NamedTuple):
     yaw_rate_rad_s: FloatArray
     wheel_angle_rad: FloatArray
     curvature_1_m: FloatArray
+    arc_length_m: FloatArray
+    speed_m_s: FloatArray
     command: IntArray
     tick_s: FloatArray
     sent_rad: FloatArray
     law_output: FloatArray
     played_rad: FloatArray | None
     schedule: RunSchedule
-    motion: MotionParams
-
-    @property
-    def arc_length_m(self) -> FloatArray:
-        """Where on the path each sample was taken."""
-        first = len(self.schedule.motion_ns) - len(self.schedule.time_s)
-        motion_ns = self.schedule.motion_ns[first : first + len(self.time_s)]
-        return np.asarray(self.motion.speed_m_s * (motion_ns / NS_PER_S), dtype=np.float64)
+    motion: AnyMotionParams
 
     @property
     def cg_deviation_m(self) -> FloatArray:
@@ -167,8 +168,9 @@ def run_compiled(
                   share it
 
     Raises FaultsNotCompiledError for settings with faults, OwnVehicleNotCompiledError for a vehicle
-    of another package, LawNotCompiledError for a law of another package that does not compile, and
-    NothingArrivesError where no measurement would ever reach the controller.
+    of another package, SpeedNotCompiledError for a car's speed that the law reads,
+    LawNotCompiledError for a law of another package that does not compile, and NothingArrivesError
+    where no measurement would ever reach the controller.
     """
     if plant.faults:
         raise FaultsNotCompiledError(
@@ -181,6 +183,11 @@ def run_compiled(
             " of motion alone; leave it out, or run the nodes: steer-by-wire run"
         )
     law = compiled_law(controller)
+    if plant.car is not None and not _ignores_speed(law, plant.car, controller):
+        raise SpeedNotCompiledError(
+            f"law = {controller.law!r} with [car]: compiled runs of a car, whose speed varies, have"
+            " laws alone that do not read the speed; run the nodes: steer-by-wire run"
+        )
     schedule = schedule_run(plant, controller) if schedule is None else schedule
     needed = law, schedule, plant, controller
     try:
@@ -188,6 +195,13 @@ def run_compiled(
     except _OverruledError:
         # Few runs need it, and it costs a third of one.
         return _run_whole(*needed, tick_status=status_in_use(plant, controller, schedule))
+
+
+def _ignores_speed(law: CompiledLaw, car: CarSettings, controller: ControllerSettings) -> bool:
+    """Return whether a law steers alike at all speeds of a car."""
+    fastest_m_s = max((speed_m_s for _, speed_m_s in car.profile), default=0.0)
+    is_limited = share_of_demand(controller.demand_ranges, 1.1 * fastest_m_s) < 1.0
+    return not (law.design.looks_back or law.design.params_at is not None or is_limited)
 
 
 def _run_whole(
@@ -215,7 +229,7 @@ def _run_whole(
 
 def _run(
     law: CompiledLaw,
-    world: tuple[MotionParams, Constants, Instants, Records, Inbox | None],
+    world: tuple[AnyMotionParams, Constants, Instants, Records, Inbox | None],
     schedule: RunSchedule,
     plant: PlantSettings,
     *,
@@ -290,7 +304,7 @@ def _speed_known_ns(
 
 def _collected(
     schedule: RunSchedule,
-    motion: MotionParams,
+    motion: AnyMotionParams,
     r: Records,
     played_rad: FloatArray | None,
     samples: int,
@@ -307,6 +321,8 @@ def _collected(
         yaw_rate_rad_s=r.yaw_rate_rad_s[window],
         wheel_angle_rad=r.wheel_angle_rad[window],
         curvature_1_m=r.curvature_1_m[window],
+        arc_length_m=r.arc_length_m[window],
+        speed_m_s=r.speed_m_s[window],
         command=r.command[window],
         tick_s=schedule.tick_s[:ticks],
         sent_rad=r.sent_rad[:ticks],
@@ -317,23 +333,37 @@ def _collected(
     )
 
 
-def compiled_motion(plant: PlantSettings) -> MotionParams:
-    """Return the parameters of ``motion_params``; equal plants share one."""
-    return _designed(plant.vehicle, plant.actuator, plant.path, plant.disturbance, plant.parts)
+def compiled_motion(plant: PlantSettings) -> AnyMotionParams:
+    """Return the parameters of ``plant_motion_params``; equal plants share one."""
+    inputs = plant.vehicle, plant.car, plant.actuator, plant.path, plant.disturbance
+    return _designed(*inputs, plant.parts)
 
 
 @lru_cache(maxsize=_MOTIONS_KEPT)
 def _designed(
     vehicle: VehicleSettings,
+    car: CarSettings | None,
     actuator: ActuatorSettings,
     path: PathSettings,
     disturbance: DisturbanceSettings,
     parts: tuple[Part, ...],
-) -> MotionParams:
-    params = design_motion_arrays(vehicle, actuator, _road(path, parts), disturbance)
-    intervals = np.array([tuple(interval) for interval in params.intervals], dtype=_INTERVAL)
-    arrays: dict[str, Any] = {"intervals": intervals}
-    return params._replace(**arrays)
+) -> AnyMotionParams:
+    road = _road(path, parts)
+    if car is not None:
+        params: Any = car_motion_params(vehicle, car, actuator, road, disturbance)
+        speed = params.speed._replace(legs=_rows(SpeedLeg, params.speed.legs))
+        intervals = _rows(CarInterval, params.intervals)
+        patches = _rows(GripPatch, params.patches)
+        made: AnyMotionParams = params._replace(speed=speed, intervals=intervals, patches=patches)
+        return made
+    linear = design_motion_arrays(vehicle, actuator, road, disturbance)
+    return linear._replace(intervals=_rows(DisturbanceInterval, linear.intervals))
+
+
+def _rows(kind: Any, records: Sequence[Any]) -> Any:
+    """Return records of a NamedTuple as an array that compiled code reads by their names."""
+    types = [(name, np.int64 if name == "start_ns" else np.float64) for name in kind._fields]
+    return np.array([tuple(record) for record in records], dtype=types)
 
 
 @lru_cache(maxsize=_MOTIONS_KEPT)
@@ -343,5 +373,5 @@ def _road(settings: PathSettings, _parts: tuple[Part, ...]) -> Path:
         name: np.array(getattr(path, name))
         for name in ("start_m", "curvature_1_m", "curvature_slope_1_m2")
     }
-    arrays["pose"] = np.array([tuple(pose) for pose in path.pose], dtype=_POSE)
+    arrays["pose"] = _rows(Pose, path.pose)
     return path._replace(**arrays)

@@ -32,7 +32,6 @@ from ...plant_emulator.steering.hold_and_fallback import (
     is_overruled,
     start_guard,
 )
-from ...plant_emulator.vehicle.motion_events import advance_motion, command_motion, start_motion
 from .compilation import compiled_inline, compiled_unchecked
 from .law_code import NO_OUTPUT, LawCode
 from .law_input import (
@@ -55,6 +54,7 @@ from .law_input import (
 )
 from .loop_records import Constants, Instants, Kept, Progress, Records, Segment
 from .memory import at, called, placed, read, write
+from .step_functions import advance_motion, command_motion, place_of, start_motion
 
 COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED = range(4)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
@@ -137,6 +137,7 @@ def _plant_until(
             r.yaw_rate_rad_s[at] = yaw_rate_rad_s
             r.wheel_angle_rad[at] = wheel_rad
             r.curvature_1_m[at] = curvature_1_m
+            r.arc_length_m[at], r.speed_m_s[at] = place_of(p, z)
             r.command[at] = in_effect
             reading_m = error_m + s.noise_m[at]
             record_signals(inbox, sample, linear, guard)

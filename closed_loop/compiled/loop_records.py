@@ -1,12 +1,11 @@
 """Records that a compiled run reads, keeps and leaves, of ``closed_loop.compiled.loop``."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...controller.limits.steer_limits import SteerLimits
 from ...plant_emulator.steering.hold_and_fallback import GuardParams, GuardState
-from ...plant_emulator.vehicle.motion_events import MotionState
 from ...runtime.array_types import FloatArray, IntArray
 from .law_input import Known
 
@@ -51,7 +50,7 @@ class Instants(NamedTuple):
 
 
 class Records(NamedTuple):
-    """The records of a run: the first eight per sample, the last two per control tick.
+    """The records of a run: the first ten per sample, the last two per control tick.
 
     ``overruled_rad``  wheel angle as on the wire where the steering overrules, else NaN; written
                     only where ``Instants.tick_status`` is there
@@ -64,6 +63,8 @@ class Records(NamedTuple):
     yaw_rate_rad_s: FloatArray
     wheel_angle_rad: FloatArray
     curvature_1_m: FloatArray
+    arc_length_m: FloatArray
+    speed_m_s: FloatArray
     measured_m: FloatArray
     command: IntArray
     overruled_rad: FloatArray
@@ -75,6 +76,8 @@ def empty_records(samples: int, ticks: int) -> Records:
     """Return empty records: errors and commands are NaN at first, the others uninitialised."""
     return Records(
         np.full(samples, np.nan),
+        np.empty(samples),
+        np.empty(samples),
         np.empty(samples),
         np.empty(samples),
         np.empty(samples),
@@ -97,7 +100,7 @@ class Progress(NamedTuple):
     ``played``       the newest sample for which a value was played
     """
 
-    motion: MotionState
+    motion: Any
     guard: GuardState
     followed_ns: int
     sample: int

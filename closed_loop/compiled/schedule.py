@@ -34,7 +34,7 @@ from ...plant_emulator.network.random_streams import Stream, first_uniforms
 from ...plant_emulator.sensors.path_ahead import CURVATURES, VALUES, spacing_m
 from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.motion_parameters import MotionParams
+from ...plant_emulator.vehicle.moving_vehicle import AnyMotionParams
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.settings.plugin import Part
@@ -261,7 +261,7 @@ def inbox_of(
     plant: PlantSettings,
     controller: ControllerSettings,
     schedule: RunSchedule,
-    motion: MotionParams,
+    motion: AnyMotionParams,
 ) -> Inbox:
     """Return the inbox of one run's law, with all that does not depend on how the vehicle moves."""
     samples = len(schedule.sample_ns)
@@ -297,7 +297,7 @@ def _path_spacing_m(plant: PlantSettings) -> float:
 
 
 def _paths_ahead_1_m(
-    plant: PlantSettings, schedule: RunSchedule, motion: MotionParams
+    plant: PlantSettings, schedule: RunSchedule, motion: AnyMotionParams
 ) -> FloatArray:
     """Return the values of each PATH_AHEAD, as on the wire; shape (messages, values)."""
     if plant.path_ahead is None:

@@ -53,7 +53,12 @@ from ...plant_emulator.steering.hold_and_fallback import (
     start_guard,
 )
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
-from ...plant_emulator.vehicle.motion_events import advance_motion, command_motion, start_motion
+from ...plant_emulator.vehicle.car.steering_choice import (
+    STEERINGS,
+    steering_at_rest,
+    steering_step,
+)
+from ...plant_emulator.vehicle.motion_choice import MOTIONS
 from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import SettingsError
 from .memory import at, layout_of, read
@@ -72,9 +77,6 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     path_step,
     loop_delay_at,
     loss_step,
-    start_motion,
-    advance_motion,
-    command_motion,
     start_guard,
     guard_command,
     guard_timer,
@@ -105,12 +107,53 @@ class ForeignParamsError(SettingsError):
     """The type of a law's params does not identify the law."""
 
 
+def _chosen_by_type(choose: Callable[[type], Any]) -> Any:
+    """Return a function for compiled code: the one of the type of its first argument."""
+
+    def chosen(*_: Any) -> Any:
+        raise NotImplementedError("for compiled code")
+
+    _choose(chosen, choose)
+    return chosen
+
+
+def _choose(function: Callable[..., Any], choose: Callable[[type], Any]) -> None:
+    """Let compiled code call, in place of a function, what the type of its params has."""
+    overload(function, strict=False, jit_options=INLINE)(
+        lambda params, *_: choose(params.instance_class)
+    )
+
+
+start_motion = _chosen_by_type(lambda kind: MOTIONS[kind].start)
+command_motion = _chosen_by_type(lambda kind: MOTIONS[kind].command)
+advance_motion = _chosen_by_type(lambda kind: MOTIONS[kind].advance)
+place_of = _chosen_by_type(lambda kind: MOTIONS[kind].place)
+"""(params, ...): as in ``vehicle.motion_choice.MotionSteps``."""
+
+
+def _at_rest_of(kind: type) -> Callable[[Any], Any]:
+    _, at_rest = STEERINGS[kind]
+    return lambda _params: at_rest
+
+
+_choose(steering_step, lambda kind: STEERINGS[kind][0])
+_choose(steering_at_rest, _at_rest_of)
+_CHOSEN: frozenset[Callable[..., Any]] = frozenset((steering_step, steering_at_rest))
+
+
 def step_functions() -> tuple[Callable[..., Any], ...]:
     """Return what ``register_steps`` registers."""
     laws = (law.step for law in LAWS.values())
     plans = (law.plan for law in LAWS.values() if law.plan is not None)
     around = (*_AROUND.values(), followed_point_plan)
-    return tuple(_reached((*_CALLED_BY_LOOPS, *around, *laws, *plans)))
+    motions = [
+        function
+        for each in MOTIONS.values()
+        for function in (each.start, each.command, each.advance, each.place)
+    ]
+    motions += [step for step, _ in STEERINGS.values()]
+    reached = _reached((*_CALLED_BY_LOOPS, *motions, *around, *laws, *plans))
+    return tuple(function for function in reached if function not in _CHOSEN)
 
 
 @cache

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from ...dbc.messages import SteeringCommand
 from ...runtime.fast_named_tuple import new_record
-from ...runtime.node import NS_PER_S
 from ...runtime.output_file import open_text
 from ..path.cg_deviation import cg_deviation_m
 from ..path.corridor import BETWEEN, Corridor, Outside, outside_at
@@ -52,8 +51,10 @@ class PlacedSample(NamedTuple):
     path_y_m: float
 
 
-_Taken = tuple[int, LinearState, SteeringCommand | None, tuple[float, float], str]
-"""Time [ns] and state of motion, the command in effect, both latencies [s], and the limit."""
+_Taken = tuple[int, LinearState, float, SteeringCommand | None, tuple[float, float], str]
+"""Time [ns], state and arc length [m] of motion, the command in effect, both latencies [s], and the
+limit.
+"""
 
 
 class RunningFigures:
@@ -196,19 +197,19 @@ class RunRecord:
         ``latencies_s``  of that command, and of the measurement that left last
         """
         motion, waiting = self._motion, self._waiting
-        waiting.append((motion.time_ns, motion.linear, command, latencies_s, limit))
+        at_m, _ = motion.place
+        waiting.append((motion.time_ns, motion.linear, at_m, command, latencies_s, limit))
         if len(waiting) >= _BLOCK:
             self._process_waiting()
 
     def _process_waiting(self) -> None:
         """Add the waiting samples to the figures, and keep those for which there is room."""
         room = self._samples_max - len(self._samples)
-        speed_m_s, path = self._motion.speed_m_s, self._motion.path
+        path = self._motion.path
         preview_m, behind_m = self._motion.preview_distance_m, self._behind_m
         figures = []
-        for time_ns, linear, command, (downlink_s, uplink_s), limit in self._waiting:
+        for time_ns, linear, at_m, command, (downlink_s, uplink_s), limit in self._waiting:
             side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = linear
-            at_m = speed_m_s * (time_ns / NS_PER_S)  # ``Motion.arc_length_m`` at that time
             cg_m = cg_deviation_m(path, at_m, heading_rad, error_m, preview_m)
             if behind_m == 0.0:
                 followed_m = error_m

@@ -4,10 +4,15 @@ A friction that no step of the settings has needs new transition tables. Computi
 tens of milliseconds, during which the plant takes no sample.
 """
 
+from typing import Any
+
 from ...dbc.messages import DisturbanceConfig
 from ..settings import PlantSettings
+from ..vehicle.car.car_design import car_interval
+from ..vehicle.car.car_motion import CarMotionParams
 from ..vehicle.disturbance import DisturbanceInterval, Load, disturbance_interval
 from ..vehicle.motion_parameters import MotionParams, transitions, vehicle_params
+from ..vehicle.moving_vehicle import AnyMotionParams
 
 
 class LiveDisturbances:
@@ -19,11 +24,10 @@ class LiveDisturbances:
     ``is_asked``  whether there is a request that has not been taken
     """
 
-    def __init__(self, settings: PlantSettings, params: MotionParams) -> None:
+    def __init__(self, settings: PlantSettings, params: AnyMotionParams) -> None:
         self._vehicle = vehicle_params(settings.vehicle)
         self._arm_m = settings.disturbance.side_force_arm_m
         self._designed = self._params = params
-        self._friction, self._first_rows = params.intervals[0].friction, params.first_rows[0]
         self._asked: DisturbanceConfig | None = None
         self.is_asked = False
 
@@ -31,29 +35,31 @@ class LiveDisturbances:
         """Take the request of a tool; only the newest counts."""
         self._asked, self.is_asked = config, True
 
-    def params(self) -> MotionParams:
+    def params(self) -> AnyMotionParams:
         """Return the parameters of the motion from now on, with the requested disturbance."""
         asked, self._asked, self.is_asked = self._asked, None, False
         if asked is not None:
             # Rounded, so that 1 - 0.7 equals a 0.3 in the settings.
             load = Load(*asked[:3], round(1.0 - asked.friction_loss, 6))
-            interval = disturbance_interval(0, load, self._arm_m, self._vehicle)
-            if interval.friction != self._friction:
-                self._find_tables(interval)
-            self._params = self._params._replace(
-                intervals=[interval], first_rows=[self._first_rows]
-            )
+            if isinstance(self._params, CarMotionParams):
+                self._params = self._params._replace(intervals=[car_interval(0, load, self._arm_m)])
+            else:
+                interval = disturbance_interval(0, load, self._arm_m, self._vehicle)
+                self._params = self._with_tables(self._params, interval)
         return self._params
 
-    def _find_tables(self, interval: DisturbanceInterval) -> None:
-        """Find the tables of a friction among those of the settings, or compute them."""
-        designed = self._designed
-        self._friction = interval.friction
-        for known, rows in zip(designed.intervals, designed.first_rows, strict=True):
-            if known.friction == interval.friction:
-                self._first_rows = rows
-                return
-        table, (first_rows,) = transitions(self._vehicle, designed.actuator, [interval])
+    def _with_tables(self, present: MotionParams, interval: DisturbanceInterval) -> MotionParams:
+        """Return the parameters in an interval, with the tables of its friction.
+
+        They are the present ones, those of the settings, or computed.
+        """
+        designed: Any = self._designed
+        for known in (present, designed):
+            for other, rows in zip(known.intervals, known.first_rows, strict=True):
+                if other.friction == interval.friction:
+                    return present._replace(intervals=[interval], first_rows=[rows])
+        further, (first_rows,) = transitions(self._vehicle, designed.actuator, [interval])
         start = len(designed.table)
-        self._params = self._params._replace(table=[*designed.table, *table])
-        self._first_rows = [start + row for row in first_rows]
+        table = [*designed.table, *further]
+        rows = [start + row for row in first_rows]
+        return present._replace(intervals=[interval], first_rows=[rows], table=table)

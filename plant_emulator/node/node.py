@@ -50,13 +50,13 @@ from ..path.corridor import corridor_of
 from ..path.drivability import undrivable
 from ..path.path import Path
 from ..sensors.sampling import Sampling
-from ..settings import PlantSettings
+from ..settings import PlantSettings, plant_motion_params
 from ..steering.control_unit import SteeringUnit
 from ..steering.hold_and_fallback import GuardMode
 from ..steering.plan_buffer import PlanBuffer
 from ..steering.settings import design_guard
 from ..vehicle.exact_propagation import DELTA
-from ..vehicle.motion_parameters import MotionParams, motion_params
+from ..vehicle.moving_vehicle import AnyMotionParams
 from ..vehicle.plugin_equations import make_motion
 from .disturbances_set_by_tools import LiveDisturbances
 from .interventions import Interventions
@@ -85,8 +85,8 @@ class PlantNode:
     """The plant on the bus.
 
     ``start_ns``     first sample [ns]
-    ``params``       from ``motion_params``, which takes tens of milliseconds; computed here unless
-                     given
+    ``params``       from ``plant_motion_params``, which takes tens of milliseconds; computed here
+                     unless given
     ``samples_max``  largest number of samples stored in ``samples``
 
     ``motion_start_ns``  start of the motion [ns]; NEVER_NS before
@@ -98,17 +98,13 @@ class PlantNode:
         self,
         settings: PlantSettings,
         start_ns: int,
-        params: MotionParams | None = None,
+        params: AnyMotionParams | None = None,
         samples_max: int = SAMPLES_MAX,
     ) -> None:
         self._settings = settings
         self._duration_ns = settings.duration_ns
         self.motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
-        params = (
-            motion_params(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
-            if params is None
-            else params
-        )
+        params = plant_motion_params(settings) if params is None else params
         self._motion = make_motion(settings.vehicle, params)
         self._live_disturbances = LiveDisturbances(settings, params)
         self._unit = SteeringUnit(
@@ -132,6 +128,7 @@ class PlantNode:
             self._motion,
             settings.sensor_noise,
             settings.path_ahead,
+            settings.vehicle.speed_m_s,
             settings.seed,
             start_ns,
             settings.sensor_period_ns,

@@ -7,6 +7,8 @@ minimax polynomials of fdlibm (Sun Microsystems, 1993: ``k_sin.c``, ``k_cos.c``)
 π/4.
 """
 
+import math
+
 import numpy as np
 
 from ...runtime.array_types import FloatArray
@@ -49,3 +51,40 @@ def cos_and_sin(angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         np.where(is_odd, sin, cos) * _COS_SIGN[quarter],
         np.where(is_odd, cos, sin) * _SIN_SIGN[quarter],
     )
+
+
+def cos_sin(angle_rad: float) -> tuple[float, float]:
+    """Return cosine and sine of one angle, by the same formulas."""
+    quarters = math.floor(angle_rad / _QUARTER_TURN + 0.5)
+    x = angle_rad - quarters * _QUARTER_TURN - quarters * _QUARTER_TURN_REST
+    square = x * x
+    s0, s1, s2, s3, s4, s5 = _SIN
+    c0, c1, c2, c3, c4, c5 = _COS
+    odd = ((((s0 * square + s1) * square + s2) * square + s3) * square + s4) * square + s5
+    even = ((((c0 * square + c1) * square + c2) * square + c3) * square + c4) * square + c5
+    sin = x + x * square * odd
+    cos = 1.0 - (0.5 * square - square * square * even)
+    quarter = quarters & 3
+    if quarter == 0:
+        return cos, sin
+    if quarter == 1:
+        return -sin, cos
+    if quarter == 2:
+        return -cos, -sin
+    return sin, -cos
+
+
+def arctan(x: float) -> float:
+    """Return the arctangent; its relative error is below 1e-9.
+
+    A rational minimax approximation on [-1, 1], and π/2 − arctan 1/x outside.
+    """
+    is_inside = -1.0 <= x <= 1.0
+    y = x if is_inside else 1.0 / x
+    t = y * y
+    top = ((0.008895952605816743 * t + 0.28615144656837654) * t + 1.1290534615006296) * t
+    below = ((0.050458023942845986 * t + 0.5736163751030567) * t + 1.462386673359156) * t
+    angle_rad = y * (top + 0.9999999991208869) / (below + 1.0)
+    if is_inside:
+        return angle_rad
+    return (_QUARTER_TURN if x > 0.0 else -_QUARTER_TURN) - angle_rad

@@ -9,7 +9,6 @@ from ...dbc.messages import (
     VehicleState,
 )
 from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_S
 from ...runtime.node.periodic import PeriodicTimer
 from ..network.latency_line import LatencyLine
 from ..network.random_streams import Stream, uniforms
@@ -33,7 +32,7 @@ class Sampling:
     """Puts the frames of each sample into the ``uplink``.
 
     ``motion``     of the vehicle
-    ``ahead``      whether and how far PATH_AHEAD is sent
+    ``ahead``      whether and how far PATH_AHEAD is sent, for the speed ``nominal_m_s``
     ``seed``       of the noise
     ``start_ns``   first sample, and ``period_ns`` from one to the next [ns]
 
@@ -45,6 +44,7 @@ class Sampling:
         motion: Motion,
         noise: SensorNoiseSettings,
         ahead: PathAheadSettings | None,
+        nominal_m_s: float,
         seed: int,
         start_ns: int,
         period_ns: int,
@@ -52,7 +52,7 @@ class Sampling:
     ) -> None:
         every = samples_per_vehicle_state(period_ns)
         self._state_timer = PeriodicTimer(start_ns, every * period_ns)
-        self._ahead_m = None if ahead is None else spacing_m(motion.speed_m_s, ahead.reach_s)
+        self._ahead_m = None if ahead is None else spacing_m(nominal_m_s, ahead.reach_s)
         deviations = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
         self._noise = deviations if any(deviations) else None
         self._uniforms = uniforms(seed, Stream.SENSOR_NOISE)
@@ -77,10 +77,10 @@ class Sampling:
         frames = [(_ERROR_ID, error), (_STATUS_ID, status)]
         if time_ns >= self._state_timer.deadline_ns:  # also after a skipped sample
             self._state_timer.advance(time_ns)
-            state = made.vehicle_state(motion.speed_m_s, yaw_rate_rad_s, curvature_1_m)
+            at_m, speed_m_s = motion.place
+            state = made.vehicle_state(speed_m_s, yaw_rate_rad_s, curvature_1_m)
             frames.append((_STATE_ID, state))
             if self._ahead_m is not None:
-                at_m = motion.speed_m_s * (motion_ns / NS_PER_S)
                 ahead_1_m = curvatures_ahead_1_m(motion.path, at_m, self._ahead_m)
                 frames.append((_PATH_ID, made.path_ahead(self._ahead_m, ahead_1_m)))
         self._uplink.push(frames, time_ns, motion_ns)

@@ -43,15 +43,20 @@ def disturbance_intervals(
     settings: DisturbanceSettings, vehicle: VehicleParams
 ) -> list[DisturbanceInterval]:
     """Return the profile; its first interval starts at 0, with the motion."""
-    load = Load()
-    intervals = [disturbance_interval(0, load, settings.side_force_arm_m, vehicle)]
+    arm_m = settings.side_force_arm_m
+    return [
+        disturbance_interval(start_ns, load, arm_m, vehicle)
+        for start_ns, load in loads(settings).items()
+    ]
+
+
+def loads(settings: DisturbanceSettings) -> dict[int, Load]:
+    """Return the loads by the time of motion at which they begin [ns], the first at 0."""
+    load, by_start_ns = Load(), {0: Load()}
     for step in settings.all_steps:
         load = load._replace(**step.model_dump(exclude={"at_s"}, exclude_none=True))
-        start_ns = round(step.at_s * NS_PER_S)
-        if intervals[-1].start_ns == start_ns:
-            intervals.pop()
-        intervals.append(disturbance_interval(start_ns, load, settings.side_force_arm_m, vehicle))
-    return intervals
+        by_start_ns[round(step.at_s * NS_PER_S)] = load
+    return by_start_ns
 
 
 def disturbance_interval(

@@ -11,6 +11,9 @@ from ..path.path import Path
 from ..path.path_from_settings import build_path
 from ..path.settings import PathSettings
 from .actuator import ActuatorParams, WheelPhase
+from .car.car_design import car_motion_params
+from .car.car_motion import CarMotionParams
+from .car.settings import CarSettings
 from .disturbance import DisturbanceInterval, disturbance_intervals
 from .exact_propagation import (
     TABLE_ROWS,
@@ -45,11 +48,14 @@ def motion_params(
     actuator: ActuatorSettings,
     path: PathSettings,
     disturbance: DisturbanceSettings,
-) -> MotionParams:
-    """Design the motion of a run; computes the transition tables (about 40 ms each).
+    car: CarSettings | None = None,
+) -> MotionParams | CarMotionParams:
+    """Design the motion of a run: of ``car``, or linear, with transition tables (40 ms each).
 
     Raises SettingsError for a bad waypoint file, ValueError for a vehicle that cannot be computed.
     """
+    if car is not None:
+        return car_motion_params(vehicle, car, actuator, build_path(path), disturbance)
     params = _params(vehicle, actuator, build_path(path), disturbance)
     table, first_rows = transitions(vehicle_params(vehicle), params.actuator, params.intervals)
     return params._replace(table=table, first_rows=first_rows)

@@ -5,19 +5,11 @@ The motion itself is ``plant_emulator.vehicle.motion_events``.
 
 from collections.abc import Callable
 
-from ...runtime.node import NS_PER_S
 from ..path.path import Pose, vehicle_pose
-from .actuator import is_limited
+from .car.car_motion import CarMotionParams
 from .exact_propagation import BETA, DELTA, PSI, RHO, LinearState, R, Y
-from .motion_events import (
-    MotionState,
-    advance_motion,
-    command_motion,
-    disturb_motion,
-    event_ns_of,
-    start_motion,
-    with_vehicle,
-)
+from .motion_choice import MOTIONS
+from .motion_events import MotionState, with_vehicle
 from .motion_parameters import MotionParams
 
 LARGEST = 1e150
@@ -39,6 +31,7 @@ def has_finite_vehicle(z: LinearState) -> bool:
 
 
 Advance = Callable[[MotionParams, MotionState, int], MotionState]
+AnyMotionParams = MotionParams | CarMotionParams
 
 
 class Motion:
@@ -46,37 +39,37 @@ class Motion:
 
     The state of an unstable, uncontrolled vehicle grows without bound, because (1) is linear. If it
     is no longer finite, the vehicle keeps its last finite state, while wheel and path continue;
-    ``is_finite`` reports this.
+    ``is_finite`` reports this. A car that has left its path is treated alike.
 
-    ``advance``  ``advance_motion``, or what has other equations of motion
+    ``advance``  advances the motion by equations of another package
 
     ``time_ns``    time since the start of motion
     ``linear``     everything that moves in closed form
     ``is_finite``  whether the vehicle's state has been finite so far
-    ``speed_m_s``  speed V, constant
     ``path``       the path
     ``preview_distance_m``  how far the preview point is ahead of the centre of gravity
     """
 
-    def __init__(self, params: MotionParams, advance: Advance = advance_motion) -> None:
+    def __init__(self, params: AnyMotionParams, advance: Advance | None = None) -> None:
         self._params = params
-        self._advance = advance
-        self._state = start_motion(params)
+        self._steps = MOTIONS[type(params)]
+        self._advance: Callable[..., MotionState] = advance or self._steps.advance
+        self._state: MotionState = self._steps.start(params)
+        self.linear: LinearState
         self.time_ns, self.linear, _ = self._state
         self.is_finite = True
-        self.speed_m_s = params.speed_m_s
         self.path = params.path
         self.preview_distance_m = params.preview_distance_m
 
     def command(self, steer_rad: float) -> None:
         """Apply a steering command (finite) to the actuator now."""
-        self._state = command_motion(self._params, self._state, steer_rad)
+        self._state = self._steps.command(self._params, self._state, steer_rad)
         _, self.linear, _ = self._state
 
-    def disturb(self, params: MotionParams) -> None:
+    def disturb(self, params: AnyMotionParams) -> None:
         """Let the only interval of new parameters begin now; all else in them is the same."""
         self._params = params
-        self._state = disturb_motion(params, self._state)
+        self._state = self._steps.disturb(params, self._state)
         _, self.linear, _ = self._state
 
     def advance(self, to_ns: int) -> None:
@@ -84,7 +77,7 @@ class Motion:
         if to_ns <= self.time_ns:
             if to_ns < self.time_ns:
                 raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")
-            if event_ns_of(self._state) > to_ns:
+            if self._steps.event_ns(self._state) > to_ns:
                 return
         if self.is_finite:
             state = self._advance(self._params, self._state, to_ns)
@@ -93,7 +86,7 @@ class Motion:
         if not self.is_finite:
             # Restarted with the vehicle at rest: wheel and path do not depend on its state.
             started = with_vehicle(self._state, 0.0, 0.0, 0.0, 0.0)
-            after = advance_motion(self._params, started, to_ns)
+            after: MotionState = self._steps.advance(self._params, started, to_ns)
             beta, r, psi, y, _, _, _, _, _, _ = self.linear
             state = with_vehicle(after, beta, r, psi, y)
         self._state = state
@@ -127,18 +120,30 @@ class Motion:
     @property
     def is_limited(self) -> bool:
         """Whether the actuator's angle or rate limit shapes the wheel's motion."""
-        _, _, (_, _, wheel, _, _, _, _) = self._state
-        return is_limited(wheel)
+        return bool(self._steps.is_limited(self._state))
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Arc length of the path beside the preview point over all laps [m], and speed [m/s]."""
+        arc_length_m, speed_m_s = self._steps.place(self._params, self._state)
+        return arc_length_m, speed_m_s
+
+    @property
+    def arc_length_m(self) -> float:
+        """Arc length of ``place``."""
+        arc_length_m, _ = self.place
+        return arc_length_m
+
+    @property
+    def speed_m_s(self) -> float:
+        """Speed of ``place``."""
+        _, speed_m_s = self.place
+        return speed_m_s
 
     @property
     def preview_curvature_1_m(self) -> float:
         """Curvature ρ of the path beside the preview point."""
         return self.linear[RHO]
-
-    @property
-    def arc_length_m(self) -> float:
-        """Arc length s of the path beside the preview point, over all laps."""
-        return self.speed_m_s * (self.time_ns / NS_PER_S)
 
     @property
     def pose(self) -> Pose:

@@ -9,14 +9,14 @@ from ...runtime.settings.plugin import call_part
 from .exact_propagation import DELTA
 from .motion_events import MotionState, advance_motion, event_ns_of, interval_of, with_vehicle
 from .motion_parameters import MotionParams, vehicle_params
-from .moving_vehicle import Motion
+from .moving_vehicle import AnyMotionParams, Motion
 from .settings import VehicleInput, VehicleSettings, VehicleState, find_vehicle_model
 from .single_track_model import VehicleParams, on_friction
 
 STEP_NS = 1_000_000
 
 
-def make_motion(settings: VehicleSettings, params: MotionParams) -> Motion:
+def make_motion(settings: VehicleSettings, params: AnyMotionParams) -> Motion:
     """Return the motion at its start, with the settings' equations."""
     if settings.model is None:
         return Motion(params)

@@ -1,0 +1,83 @@
+"""The motion of the plant: linear and exact, or that of a car; the type of its params decides.
+
+Compiled loops make the same choice when they are compiled.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ...runtime.node import NS_PER_S
+from .actuator import is_limited
+from .car.car_motion import (
+    CarMotionParams,
+    advance_car,
+    command_car,
+    disturb_car,
+    interval_end_ns_of,
+    is_car_limited,
+    place_of_car,
+    start_car,
+)
+from .motion_events import (
+    advance_motion,
+    command_motion,
+    disturb_motion,
+    event_ns_of,
+    start_motion,
+)
+from .motion_parameters import MotionParams
+
+
+class MotionSteps(NamedTuple):
+    """The functions of one kind of motion; a state is time [ns], what sensors read, and the rest.
+
+    ``start(params)``                  returns the state at time 0
+    ``command(params, state, steer)``  that after a command [rad]
+    ``disturb(params, state)``         that after other disturbances, the first interval of params
+    ``advance(params, state, to_ns)``  that at a later time
+    ``place(params, state)``           arc length beside the preview point [m], and speed [m/s]
+    ``event_ns(state)``                when the inputs change next, for the interval of params
+    ``is_limited(state)``              whether a limit of the actuator shapes the wheel's motion
+    """
+
+    start: Callable[..., Any]
+    command: Callable[..., Any]
+    disturb: Callable[..., Any]
+    advance: Callable[..., Any]
+    place: Callable[..., Any]
+    event_ns: Callable[..., Any]
+    is_limited: Callable[..., Any]
+
+
+def place_of_linear(p: MotionParams, x: Any) -> tuple[float, float]:
+    """Return the arc length beside the preview point [m], and the speed [m/s]."""
+    time_ns, _, _ = x
+    return p.speed_m_s * (time_ns / NS_PER_S), p.speed_m_s
+
+
+def _is_linear_limited(x: Any) -> bool:
+    _, _, (_, _, wheel, _, _, _, _) = x
+    return is_limited(wheel)
+
+
+MOTIONS: dict[type, MotionSteps] = {
+    MotionParams: MotionSteps(
+        start_motion,
+        command_motion,
+        disturb_motion,
+        advance_motion,
+        place_of_linear,
+        event_ns_of,
+        _is_linear_limited,
+    ),
+    CarMotionParams: MotionSteps(
+        start_car,
+        command_car,
+        disturb_car,
+        advance_car,
+        place_of_car,
+        interval_end_ns_of,
+        is_car_limited,
+    ),
+}
+"""By the type of the params."""
