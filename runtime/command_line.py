@@ -7,6 +7,7 @@ other library use it too.
 import argparse
 import difflib
 import importlib
+import logging
 import math
 import os
 import select
@@ -196,6 +197,9 @@ def run_main(name: str, main: Callable[[], int]) -> int:
 
     A signal that ends programs does so as Ctrl-C does, so that nothing is left behind.
     """
+    # What these libraries log, some of it with a traceback, is in their errors too.
+    logging.getLogger("can").setLevel(logging.CRITICAL)
+    logging.getLogger("asammdf").disabled = True
     try:
         with ending_signals(signal.default_int_handler):
             status = main()

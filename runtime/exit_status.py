@@ -48,8 +48,12 @@ class BusError(UserError):
 
 
 def one_line(error: BaseException) -> str:
-    """Return the text of an error on one line, its type where it has no text."""
-    return " ".join(str(error).split()) or type(error).__name__
+    """Return the text of an error on one line, its type where it has no text.
+
+    Some libraries put a traceback into the text.
+    """
+    text = str(error).partition("Traceback (most recent call last)")[0]
+    return " ".join(text.split()) or type(error).__name__
 
 
 def printable(text: str) -> str:

@@ -10,8 +10,9 @@ It comes from the first of these that names one:
 """
 
 import argparse
+import configparser
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -78,29 +79,36 @@ def choose_bus(namespace: argparse.Namespace) -> Choice:
 
     Raises BusError.
     """
-    try:
-        return _choose(namespace)
-    except ValueError as error:
-        raise BusError(f"python-can's configuration cannot be read: {one_line(error)}") from error
-
-
-def _choose(namespace: argparse.Namespace) -> Choice:
-    """Decide what to open; raises ValueError for an unreadable configuration."""
-    sources = (
+    files = [file for file in can.util.CONFIG_FILES if Path(file).expanduser().exists()]
+    sources: tuple[tuple[str, Mapping[str, Any]], ...] = (
         ("command line", vars(namespace)),
         ("can.rc", can.rc),
-        ("environment", load_environment_config()),
-        ("configuration file", load_file_config()),
+        ("environment", _configured("CAN_CONFIG", load_environment_config)),
+        ("configuration file", _configured(" and ".join(files) or "none", load_file_config)),
     )
     channel = next((str(found["channel"]) for _, found in sources if found.get("channel")), None)
     for reason, found in sources:
         if found.get("interface"):
-            return Choice(found["interface"], channel, f"from the {reason}")
+            return Choice(str(found["interface"]), channel, f"from the {reason}")
     wanted = channel or AUTO_CHANNEL
     obstacle = socketcan_obstacle(wanted)
     if obstacle:
         return Choice("emulated", channel, f"no interface was given, and {obstacle}")
     return Choice("socketcan", wanted, "no interface was given, and this machine has it")
+
+
+def _configured(name: str, load: Callable[[], Any]) -> Mapping[str, Any]:
+    """Return what python-can loads; raises BusError for what it cannot read."""
+    try:
+        found = load()
+        if not isinstance(found, Mapping):
+            raise ValueError('not a table such as {"interface": "socketcan"}')
+    except (ValueError, TypeError, RecursionError, OSError, configparser.Error) as error:
+        cause = one_line(error)
+        if "\\ufeff" in cause:
+            cause = "it begins with a byte order mark; save it as UTF-8 without one"
+        raise BusError(f"python-can's configuration, {name}, cannot be read: {cause}") from error
+    return found
 
 
 def socketcan_obstacle(channel: str) -> str:

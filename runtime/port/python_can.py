@@ -30,6 +30,11 @@ _FULL_CODES = {
 """Codes of drivers whose transmit queue is full, by python-can's exception for their failures."""
 
 
+_HASTY_MAX = 10_000
+"""Waits in a row that end early without a frame: an interface does so whose connection has ended
+(socketcand)."""
+
+
 class Closable(Protocol):
     """Anything that has to be shut down."""
 
@@ -95,6 +100,8 @@ class BusPort:
         self.bus = bus
         self._sent: dict[Frame, None] = {}
         """The newest frames sent that have not come back, oldest first."""
+        self._hasty = 0
+        """Waits in a row that ended early without a frame."""
 
     @property
     def takes_fd(self) -> bool:
@@ -133,10 +140,14 @@ class BusPort:
         while True:
             message, is_filtered = bus._recv_internal(timeout=timeout_s)
             if message is not None and (is_filtered or bus._matches_filters(message)):
+                self._hasty = 0
                 return message
-            timeout_s = end_s - time.monotonic()
+            waited_s, timeout_s = timeout_s, end_s - time.monotonic()
             if timeout_s <= 0.0:
                 return None
+            self._hasty = self._hasty + 1 if message is None and timeout_s > waited_s / 2 else 0
+            if self._hasty > _HASTY_MAX:
+                raise can.CanError("the interface's connection has ended")
 
     def send(self, frame: Frame) -> bool:
         """Send ``frame`` without waiting; returns whether the bus had room.

@@ -11,7 +11,6 @@ measured error.
 """
 
 import argparse
-import logging
 import shutil
 import sys
 import time
@@ -91,8 +90,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    # python-can's readers report every line that they skip, on the terminal.
-    logging.getLogger("can").addHandler(logging.NullHandler())
     rules = load_settings(VerdictRules, overrides=options.verdict_set)
     logs = [options.files] if options.join else [[path] for path in options.files]
     results, mistakes = [], []

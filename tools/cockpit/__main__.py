@@ -12,7 +12,6 @@ bus (-i, -c) it listens there, and sends nothing unless --allow-control is given
 
 import argparse
 import asyncio
-import logging
 import secrets
 import sys
 import time
@@ -112,7 +111,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    logging.getLogger("can").addHandler(logging.NullHandler())
     language = read_language(options.dialect)
     if options.recordings:
         if options.beside and len(options.recordings) > LANES_MAX:

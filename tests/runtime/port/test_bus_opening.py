@@ -3,6 +3,7 @@
 import argparse
 import itertools
 import json
+import random
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -131,7 +132,7 @@ def test_a_network_interface_that_cannot_serve_is_passed_over_with_the_reason(
         (["-i", "emulated"], {}, "start one with: steer-by-wire bus"),
         ([], {}, "no network interface vcan0.*start one with: steer-by-wire bus"),
         ([], {"CAN_INTERFACE": "nonesuch"}, "nonesuch"),
-        ([], {"CAN_CONFIG": "{not json"}, "configuration cannot be read"),
+        ([], {"CAN_CONFIG": "{not json"}, "python-can's configuration, CAN_CONFIG, cannot be read"),
     ],
 )
 def test_a_bus_that_cannot_be_opened_is_reported_in_one_line(
@@ -183,4 +184,35 @@ def test_a_wall_clock_that_is_set_changes_no_wait(
     bus = SilentBus()
     assert BusPort(bus).recv(0.002) is None
     assert max(bus.waits) == 0.002
+    bus.shutdown()
+
+
+def test_mistakes_in_pythons_can_configuration_are_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    rng = random.Random(58)
+    parts = ["[default]\n", "[", "]", "interface", " = ", "virtual\n", "%off", "\ufeff", "\n", "a:"]
+    values: list[object] = [None, 3, "virtual", ["fd"], {"a": 1}, True]
+    file = tmp_path / "canrc"
+    monkeypatch.setattr("can.util.CONFIG_FILES", [str(file)])
+    namespace = argparse.Namespace()
+    said: list[str] = []
+    for _ in range(300):
+        file.write_text("".join(rng.choices(parts, k=rng.randrange(8))))
+        channel = {"interface": rng.choice(values), "channel": rng.choice(values)}
+        monkeypatch.setenv("CAN_CONFIG", json.dumps(rng.choice([*values, channel, channel])))
+        monkeypatch.setenv("CAN_INTERFACE", rng.choice(["", "virtual"]))
+        try:
+            choose_bus(namespace)
+        except BusError as error:
+            said.append(str(error))
+    assert 50 < len(said) < 290
+    assert not any("\n" in line for line in said)
+    assert all(str(file) in line or "CAN_CONFIG" in line for line in said)
+
+
+def test_an_interface_that_no_longer_waits_has_ended() -> None:
+    bus = SilentBus()  # socketcand returns at once, without a frame, after its daemon's end
+    with pytest.raises(BusError, match="cannot receive: the interface's connection has ended"):
+        BusPort(bus).recv(PATIENCE_S)
     bus.shutdown()
