@@ -8,12 +8,10 @@
                     K_d = Im f/Im q,  K_p = Re f - K_d Re q:      one point for each s, a curve
     real root       s real: one equation, a straight line;
                     s = -σ and s = -R, and for a sampled loop z = -e^(-σT), s = -σ + jπ/T
-    infinite root   the leading coefficient vanishes: a straight line, or none
 
 (J. Ackermann, Robust Control: Systems with Uncertain Physical Parameters, 1993.) No grid of gains
 is searched. The σ line, the cone and the circle are followed only where a crossing can change the
-verdict of ``judge``: the cone within R (and beyond it if every root has to be inside the cone), and
-cone and circle left of -σ.
+verdict of ``judge``: the cone within R, and cone and circle left of -σ.
 
 A curve is sampled adaptively in the window (``_adapted``). Ends of curves lie on other
 boundaries. Off the real axis a curve is followed a little beyond its end; on the axis the limit is
@@ -57,7 +55,6 @@ class RootKind(StrEnum):
 
     COMPLEX = "complex"
     REAL = "real"
-    INFINITE = "infinite"
 
 
 class Window(NamedTuple):
@@ -83,7 +80,7 @@ class BoundaryCurve(NamedTuple):
     """One connected boundary in the window.
 
     ``gains``    (K_p, K_d), shape (n, 2): a polyline, n = 2 for a straight line
-    ``s_rad_s``  the root that sits on ∂Γ at each of them, shape (n,); NaN for the infinite root
+    ``s_rad_s``  the root that sits on ∂Γ at each of them, shape (n,)
     """
 
     bound: Bound
@@ -153,7 +150,7 @@ def real_root_line(loop: GainLoop, s_rad_s: complex) -> GainLine | None:
 
 def _pieces(loop: GainLoop, spec: DStability, window: Window) -> Iterator[_Piece]:
     """Return ∂Γ of the upper half-plane, off the real axis."""
-    sigma, theta, radius, every_root_in_cone = spec
+    sigma, theta, radius = spec
     top = loop.omega_rad_s_max
     step = _STEP / (loop.dead_time_s + 1.0 / (sigma or radius))
     top_step = _STEP / loop.dead_time_s if loop.dead_time_s else 0.0
@@ -173,8 +170,6 @@ def _pieces(loop: GainLoop, spec: DStability, window: Window) -> Iterator[_Piece
     yield _Piece(Bound.SIGMA, on_sigma, first, _End(0.0, step, mirrored=True), at_top)
 
     start, end = sigma / -math.cos(theta) * (1.0 - _OVERLAP), radius * (1.0 + _OVERLAP)
-    if every_root_in_cone:
-        end = min(_FAR * radius, top / math.sin(theta) * (1.0 + _OVERLAP))
     if start < end:
         apex = None if sigma else _End(0.0, step, mirrored=False)
         first = _first_samples(loop, on_cone, max(start, step), end, window)
@@ -249,22 +244,16 @@ def _on_line(gains: FloatArray, line: GainLine | None) -> FloatArray:
 
 
 def _straight_lines(loop: GainLoop, spec: DStability, window: Window) -> Iterator[BoundaryCurve]:
-    """Return the real root boundaries and the infinite root boundary in the window."""
+    """Return the real root boundaries in the window."""
     top = loop.omega_rad_s_max
     roots = [(Bound.SIGMA, complex(-spec.sigma_1_s)), (Bound.RADIUS, complex(-spec.radius_rad_s))]
     if math.isfinite(top):
         roots.append((Bound.SIGMA, complex(-spec.sigma_1_s, top)))
-        if spec.every_root_in_cone:
-            roots.append((Bound.CONE, complex(top / math.tan(spec.cone_angle_rad), top)))
     for bound, s_rad_s in roots:
         line = real_root_line(loop, s_rad_s)
         ends = None if line is None else _clipped(line, window)
         if ends is not None:
             yield BoundaryCurve(bound, RootKind.REAL, ends, np.full(2, s_rad_s))
-    line = loop.infinite_root_line()
-    ends = None if line is None else _clipped(line, window)
-    if ends is not None:
-        yield BoundaryCurve(Bound.SIGMA, RootKind.INFINITE, ends, np.full(2, complex(np.nan)))
 
 
 def _clipped(line: GainLine, window: Window) -> FloatArray | None:

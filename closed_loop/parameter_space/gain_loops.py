@@ -5,7 +5,7 @@
 ``critical(s)`` is -1/P and ``derivative(s)`` is q, both at complex s [rad/s], for sampled loops at
 z = e^(sT). Two kinds:
 
-    ContinuousGainLoop    P(s) with any dead time e^(-sT), exact; q = s or s/(s/N + 1)
+    ContinuousGainLoop    P(s), and q = s
     SampledGainLoop       the plant behind a delayed hold, and C(z) as
                           ``controller.laws.law_from_settings`` makes it from K_p, K_d and N: affine
                           in both gains too
@@ -27,12 +27,12 @@ from ...controller.analysis.linear_system import held_plant, polynomials
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.discretization import design_pd
 from ...controller.filters.settings import PdSettings
-from ...controller.filters.transfer_function import Factor, TransferFunction
+from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.law_from_settings import LawDesign
 from ...controller.laws.pd import LAW as PD
 from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from .d_stability import DStability, delayed_loop_satisfies, in_s_plane, judge
+from .d_stability import DStability, in_s_plane, judge
 
 
 class GainLine(NamedTuple):
@@ -60,67 +60,41 @@ class GainLoop(Protocol):
     def derivative(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return q at each s."""
 
-    def infinite_root_line(self) -> GainLine | None:
-        """Return where a root passes through infinity, None where none can."""
-
     def satisfies(self, spec: DStability, gains: FloatArray) -> BoolArray:
         """Judge the roots at gains (K_p, K_d) of shape (n, 2)."""
 
 
 class ContinuousGainLoop:
-    """A continuous plant from wheel angle [rad] to lateral error [m] under a continuous PD.
+    """A plant from wheel angle [rad] to lateral error [m] under K_p + K_d s.
 
-    ``derivative_filter_rad_s``  N; None for the ideal derivative
-    ``delay_s``                  of e^(-sT), ≥ 0; with one, P C has to be strictly proper for any
-                                 gains, else ValueError: such a loop has no last root to look at
+    Raises ValueError unless plant and controller together are strictly proper: then no root can
+    pass through infinity.
     """
 
     omega_rad_s_max = math.inf
+    dead_time_s = 0.0
 
-    def __init__(
-        self,
-        model: TransferFunction,
-        derivative_filter_rad_s: float | None = None,
-        delay_s: float = 0.0,
-    ) -> None:
-        filter_s = 0.0 if derivative_filter_rad_s is None else 1.0 / derivative_filter_rad_s
+    def __init__(self, model: TransferFunction) -> None:
         self._inverse = model.inverse()
-        self._filter = Factor(0.0, filter_s, 1.0)
         zeros, poles = polynomials(model)
-        constant, k_p = np.polymul(poles, self._filter), np.polymul(zeros, self._filter)
-        k_d = np.polymul(zeros, [1.0, 0.0])
-        length = max(len(constant), len(k_p), len(k_d))
+        if len(poles) < len(zeros) + 2:
+            raise ValueError("plant and controller together have to be strictly proper")
+        parts = (poles, zeros, np.polymul(zeros, [1.0, 0.0]))
         self._characteristic = np.array(
-            [np.pad(part, (length - len(part), 0)) for part in (constant, k_p, k_d)]
+            [np.pad(part, (len(poles) - len(part), 0)) for part in parts]
         )
-        self.dead_time_s = delay_s
-        if delay_s and self.infinite_root_line() is not None:
-            raise ValueError("plant and controller together have to be strictly proper with delay")
 
     def critical(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return -1/P."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            wanted = -self._inverse.response(s_rad_s) * np.exp(s_rad_s * self.dead_time_s)
-        return np.asarray(wanted, dtype=np.complex128)
+            return np.asarray(-self._inverse.response(s_rad_s), dtype=np.complex128)
 
     def derivative(self, s_rad_s: ComplexArray) -> ComplexArray:
-        """Return s/(s/N + 1)."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(s_rad_s / np.polyval(self._filter, s_rad_s), dtype=np.complex128)
-
-    def infinite_root_line(self) -> GainLine | None:
-        """Return where the leading coefficient of the characteristic polynomial vanishes.
-
-        None if it does not depend on the gains: P C is then strictly proper for any gains, and no
-        root can reach infinity. Such a line needs the ideal derivative and P of relative degree 1.
-        """
-        constant, k_p, k_d = self._characteristic[:, 0]
-        return GainLine(constant, k_p, k_d) if k_p or k_d else None
+        """Return s."""
+        return s_rad_s
 
     def roots(self, gains: FloatArray) -> ComplexArray:
-        """Return the roots s at each gain (K_p, K_d), shape (n, roots); only without delay."""
-        if self.dead_time_s:
-            raise ValueError("a continuous loop with delay has infinitely many roots")
+        """Return the roots s at each gain (K_p, K_d), shape (n, roots)."""
         coefficients = _with_one(gains) @ self._characteristic
         order = coefficients.shape[1] - 1
         companion = np.zeros((len(gains), order, order))
@@ -129,19 +103,8 @@ class ContinuousGainLoop:
         return np.linalg.eigvals(companion).astype(np.complex128)
 
     def satisfies(self, spec: DStability, gains: FloatArray) -> BoolArray:
-        """Judge the roots of the characteristic polynomial; with delay, by counts of roots."""
-        if not self.dead_time_s:
-            return judge(spec, self.roots(gains)).satisfied
-        undelayed = self._characteristic[0]
-        return np.array(
-            [
-                delayed_loop_satisfies(
-                    spec, undelayed, gain @ self._characteristic[1:], self.dead_time_s
-                )
-                for gain in gains
-            ],
-            dtype=np.bool_,
-        )
+        """Judge the roots of the characteristic polynomial."""
+        return judge(spec, self.roots(gains)).satisfied
 
 
 class SampledGainLoop:
@@ -192,10 +155,6 @@ class SampledGainLoop:
         with np.errstate(divide="ignore", invalid="ignore"):
             quotient = np.polyval(self._q_numerator, z) / np.polyval(self._q_denominator, z)
         return np.asarray(quotient, dtype=np.complex128)
-
-    def infinite_root_line(self) -> GainLine | None:
-        """Return None: the plant is strictly proper, so z^n has the coefficient 1 at any gains."""
-        return None
 
     def roots(self, gains: FloatArray) -> ComplexArray:
         """Return the roots s = ln(z)/T at each gain (K_p, K_d), shape (n, roots)."""

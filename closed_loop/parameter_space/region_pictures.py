@@ -24,13 +24,11 @@ _LINES = {
         product(RootKind, zip(Bound, LINES.by_key()["color"], strict=False)), LINES, strict=False
     )
 }
-"""A style for 8 of the 9 pairs; the one left out, of R at infinity, is never drawn: the boundary at
-infinity is of sigma only."""
 
 
 def draw_gamma(axes: Axes, spec: DStability) -> None:
     """Draw the three boundaries in the plane of the roots; shade where dominant roots may lie."""
-    sigma, theta, radius, _ = spec
+    sigma, theta, radius = spec
     circle_rad = np.linspace(0.0, 2.0 * math.pi, 400)
     circle = radius * np.column_stack([np.cos(circle_rad), np.sin(circle_rad)])
     far = 4.0 * radius

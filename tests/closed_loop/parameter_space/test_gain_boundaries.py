@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 
 from steer_by_wire.closed_loop.parameter_space.d_stability import d_stability
 from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
@@ -14,15 +13,12 @@ from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
     boundary_curves,
 )
 from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop
-from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.loops.gain_loops import (
     DOUBLE_INTEGRATOR,
-    LEAD,
     LOOPS,
     SPEC,
     WINDOW,
-    Loop,
 )
 
 # Closed form: 1/s² with a PD has the roots of s² + K_d s + K_p
@@ -49,33 +45,7 @@ def test_the_boundaries_of_a_double_integrator_are_those_computed_by_hand() -> N
     np.testing.assert_allclose(ends[Bound.RADIUS][0], [radius**2, 2.0 * radius], rtol=1e-9)
 
 
-def test_the_infinite_root_boundary_is_where_a_root_passes_through_infinity() -> None:
-    """(1 + K_d) s² + ... for (s + 2)/(s² + s + 1): its leading coefficient vanishes at K_d = -1."""
-    loop = ContinuousGainLoop(LEAD)
-    curves = boundary_curves(loop, d_stability(0.1, 135.0, 3.0), Window(-2.0, 2.0, -2.0, 2.0))
-    (line,) = (curve for curve in curves if curve.kind is RootKind.INFINITE)
-    np.testing.assert_allclose(line.gains[:, 1], -1.0)
-    before, after = (loop.roots(np.array([[2.0, -1.0 + off]]))[0].real for off in (1e-6, -1e-6))
-    assert min(before) < -1e5
-    assert max(after) > 1e5
-
-
-@pytest.mark.parametrize(
-    "loop", [ContinuousGainLoop(paper_eq19()), ContinuousGainLoop(LEAD, 5.0), LOOPS["sampled"]]
-)
-def test_there_is_no_infinite_root_boundary_where_the_gains_are_not_in_the_leading_coefficient(
-    loop: Loop,
-) -> None:
-    assert loop.infinite_root_line() is None
-    orders = {np.count_nonzero(np.isfinite(roots)) for roots in loop.roots(some_gains(20, 1))}
-    assert len(orders) == 1
-
-
 # Boundaries are where roots are
-
-
-def some_gains(count: int, seed: int) -> FloatArray:
-    return WINDOW.origin + WINDOW.sides * np.random.default_rng(seed).random((count, 2))
 
 
 def test_the_real_root_boundary_at_the_end_of_the_strip_is_the_one_computed_by_hand() -> None:

@@ -167,7 +167,7 @@ def curve_columns(curves: Sequence[BoundaryCurve]) -> dict[str, FloatArray]:
     return {
         "curve": each[:, 0],
         "bound_sigma_theta_r": each[:, 1],
-        "root_complex_real_infinite": each[:, 2],
+        "root_complex_real": each[:, 2],
         "k_p_rad_m": gains[:, 0],
         "k_d_rad_s_m": gains[:, 1],
         "s_real_rad_s": s_rad_s.real,
