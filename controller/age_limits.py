@@ -10,7 +10,7 @@ Consequences of a stale message:
                       law derives from them fades out. Its speed changes slowly and stays in use
 """
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, PositiveFloat, Tag
 
@@ -55,9 +55,10 @@ class SupervisionSettings(Settings):
     ``second_sender``           "report": a second sender is reported. "silent": while the report
                                 lasts, no command is sent either, and the mode goes to HOLDING and
                                 SAFE_STOP as if the vehicle stood
-    ``stops_if_implausible``    whether signals of the plant that contradict each other
-                                (``controller.node.plausibility``) end the run in SAFE_STOP; they
-                                are reported in any case
+    ``stops_if_implausible``    which signals of the plant that contradict each other
+                                (``controller.node.plausibility``) end the run in SAFE_STOP:
+                                "opposed", those of which one has the wrong sign; true, all; false,
+                                none. They are reported in any case
     """
 
     fault_tolerant_time_ms: Annotated[float, Field(ge=1.0, le=60_000.0)] = 150.0
@@ -69,7 +70,7 @@ class SupervisionSettings(Settings):
     recovery_frames: Annotated[int, Field(ge=1, le=100)] = 5
     counter_lead_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 300.0
     second_sender: SecondSenderAction = "report"
-    stops_if_implausible: bool = False
+    stops_if_implausible: bool | Literal["opposed"] = "opposed"
 
     def refuse_late_reactions(self, period_ns: int) -> None:
         """Raise ValueError for a timeout that leaves too little time to react and to report."""

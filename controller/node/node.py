@@ -39,7 +39,7 @@ from .reported_delay import NO_ECHO, delay_status, echo_delay_s, echo_rule, echo
 from .run_figures import ControlSample, RunFigures
 from .safety_alarms import SafetyReport
 from .status_frames import MODEL_PERIODS, STATUS_PERIOD_NS, StatusFrames
-from .view import MODES, REQUESTS, plant_text
+from .view import MODES, REQUESTS, implausible_text, plant_text
 
 __all__ = ["RECEIVED", "SENT", "ControllerNode"]
 
@@ -202,6 +202,7 @@ class ControllerNode:
             "mode": MODES[mode],
             "plant": plant_text(freshness, ends_with_plant=self._ends_with_plant),
             "second sender": second_sender_line(reception.second_senders),
+            "signals": implausible_text(self._plausibility.contradiction),
             "validity": VALIDITY_IN_WORDS[facts.validity],
             "request": REQUESTS[facts.motion_request],
             "failure": self._failure and f"fault: {self._failure}",
@@ -295,7 +296,11 @@ class ControllerNode:
             return
         motion = mean_motion(reported, lasted_s)
         self._plausibility.step(motion, received.lateral_error_m, received.heading_error_rad)
-        if self._plausibility.contradiction and self._settings.supervision.stops_if_implausible:
+        stops = self._settings.supervision.stops_if_implausible
+        is_found = self._plausibility.is_opposed or (
+            stops is True and self._plausibility.contradiction != ""
+        )
+        if stops and is_found:
             self._is_stopped = True
             self._supervisor.has_own_fault = True
         if self._fit is not None:

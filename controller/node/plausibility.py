@@ -4,7 +4,6 @@ Each residual compares what two signals say of one motion, and forgets in FORGET
 
     heading   Δψ' - (r - V ρ)                 curvature or yaw rate wrong, speed wrong
     lateral   y' - (V Δψ + V β + l_s r)       lateral or heading error wrong, speed wrong
-    behind    the same, with V β of a vehicle that steers at the rear
     yaw       r - V δ/(L + K V²)              wheel angle or speed wrong
     command   δ - u                           the wheel does not do what the echo names
 
@@ -15,14 +14,21 @@ motion has shown that it is not steered at the rear. Only the heading is compare
 and the command only for a law that sends no plans.
 
 A residual is implausible beyond its floor, which noise and side wind reach, plus a share of all
-that moved, which other vehicles reach; the signals are so once they have been for DEBOUNCE_S longer
-than they have not. What moves too little to show is not found, and does little harm.
+that moved, which other vehicles reach; the signals contradict each other once they have been
+implausible for DEBOUNCE_S longer than they have not. What moves too little to show is not found,
+and does little harm.
+
+A step adds at most this bound to a residual, so that a single forged VEHICLE_STATE is forgotten
+before it counts.
+
+Signals are opposed if what they say of the motion also correlates by OPPOSED or less: one of them
+has the wrong sign. No vehicle, lag or offset does that, and no law can steer by such signals.
 
 The means of all VEHICLE_STATE since the last judgement are judged with the controller's status.
 """
 
 from collections.abc import Sequence
-from math import exp
+from math import exp, sqrt
 from typing import NamedTuple
 
 from ...dbc.messages import VehicleState
@@ -32,6 +38,8 @@ from ..settings import ControllerSettings
 
 FORGETS_S = 1.0
 DEBOUNCE_S = 1.0
+OPPOSED, OPPOSED_S = -0.5, 0.5
+"""Signals that agree correlate by 1, noise alone by 0, and a wrong sign by -1."""
 
 
 class Bound(NamedTuple):
@@ -93,70 +101,111 @@ def mean_motion(reported: Sequence[Reported], lasted_s: float) -> Motion:
     return Motion(lasted_s, a / n, b / n, c / n, d / n, e / n, f / n)
 
 
+class Compared(NamedTuple):
+    """How far the vehicle moved in a step by either signal, and how far all their parts did."""
+
+    one: float
+    other: float
+    parts: float
+
+
+class Memory(NamedTuple):
+    """What is left of the steps of one comparison.
+
+    ``residual``, ``parts``     sums of one - other, and of the parts
+    ``product``, ``one_2``, ``other_2``   sums of one other, one² and other²
+    ``beyond_s``, ``opposed_s``  how much longer it has been implausible, or opposed, than not
+    """
+
+    residual: float = 0.0
+    parts: float = 0.0
+    product: float = 0.0
+    one_2: float = 0.0
+    other_2: float = 0.0
+    beyond_s: float = 0.0
+    opposed_s: float = 0.0
+
+
+def compared(one: float, other: float, part: float = 0.0) -> Compared:
+    """Return the comparison of ``one`` with ``other + part``."""
+    return Compared(one, other + part, abs(one - part) + abs(other))
+
+
+def memory_step(bound: Bound, x: Memory, moved: Compared, lasted_s: float) -> Memory:
+    """Take what has moved in ``lasted_s``."""
+    kept, (one, other, parts) = exp(-lasted_s / FORGETS_S), moved
+    allowed = bound.floor + bound.share * (x.parts + parts)
+    residual = kept * (x.residual + max(-allowed, min(one - other, allowed)))
+    product = kept * (x.product + one * other)
+    one_2, other_2 = kept * (x.one_2 + one * one), kept * (x.other_2 + other * other)
+    is_beyond = abs(residual) > bound.floor + bound.share * kept * (x.parts + parts)
+    is_opposed = is_beyond and product <= OPPOSED * sqrt(one_2 * other_2)
+    return Memory(
+        residual,
+        kept * (x.parts + parts),
+        product,
+        one_2,
+        other_2,
+        max(x.beyond_s + (lasted_s if is_beyond else -lasted_s), 0.0),
+        max(x.opposed_s + (lasted_s if is_opposed else -lasted_s), 0.0),
+    )
+
+
 class Plausibility:
-    """Judges the signals; ``contradiction`` is what is wrong with them, once that is known.
+    """Judges the signals.
 
     ``vehicle``   the nominal one, None if unknown
     ``has_plans`` whether the commands are sent as plans
+
+    ``contradiction``  what contradicts what, once that is known; empty before
+    ``is_opposed``     whether that is for a wrong sign
     """
 
     def __init__(self, vehicle: NominalVehicle | None, *, has_plans: bool) -> None:
         self._vehicle = vehicle
-        by_vehicle = () if vehicle is None else ("lateral", "behind", "yaw")
+        by_vehicle = () if vehicle is None else ("behind", "lateral", "yaw")
         self._names = ("heading", *by_vehicle, *(() if has_plans else ("command",)))
-        self.contradiction = ""
         self._may_steer_behind = vehicle is not None
+        self.contradiction, self.is_opposed = "", False
         self.restart()
 
     def restart(self) -> None:
         """Forget all residuals, as after a message that was missing."""
         self._before: tuple[float, float] | None = None
-        self.residuals = dict.fromkeys(self._names, (0.0, 0.0))
-        self._beyond_s = dict.fromkeys(self._names, 0.0)
+        self._memories = dict.fromkeys(self._names, Memory())
 
     def step(self, motion: Motion, lateral_error_m: float, heading_error_rad: float) -> None:
         """Judge the motion since the last step by the newest errors."""
         before, self._before = self._before, (lateral_error_m, heading_error_rad)
         if before is None:
             return
-        kept = exp(-motion.lasted_s / FORGETS_S)
         moved = self._moved(motion, lateral_error_m - before[0], heading_error_rad - before[1])
-        residuals, beyond_s = self.residuals, self._beyond_s
         for name in self._names:
-            one, other = moved[name]
-            residual, activity = residuals[name]
-            residual = kept * (residual + one - other)
-            activity = kept * (activity + abs(one) + abs(other))
-            residuals[name] = residual, activity
-            floor, share = BOUNDS[name]
-            is_beyond = abs(residual) > floor + share * activity
+            after = memory_step(BOUNDS[name], self._memories[name], moved[name], motion.lasted_s)
+            self._memories[name] = after
             if name == "behind":
-                self._may_steer_behind &= not is_beyond
-            elif is_beyond:
-                beyond_s[name] += motion.lasted_s
-            elif beyond_s[name]:
-                beyond_s[name] = max(beyond_s[name] - motion.lasted_s, 0.0)
-        for name, lasted_s in beyond_s.items():
-            excused = name == "lateral" and self._may_steer_behind
-            if lasted_s >= DEBOUNCE_S and not excused and not self.contradiction:
-                self.contradiction = _IN_WORDS[name]
+                self._may_steer_behind &= after.beyond_s == 0.0
+            elif not (name == "lateral" and self._may_steer_behind):
+                is_opposed = after.opposed_s >= OPPOSED_S
+                is_found = after.beyond_s >= DEBOUNCE_S and not self.contradiction
+                if is_found or (is_opposed and not self.is_opposed):
+                    self.contradiction, self.is_opposed = _IN_WORDS[name], is_opposed
 
-    def _moved(
-        self, motion: Motion, error_m: float, heading_rad: float
-    ) -> dict[str, tuple[float, float]]:
-        """Return by residual how far it moved by either signal."""
+    def _moved(self, motion: Motion, error_m: float, heading_rad: float) -> dict[str, Compared]:
+        """Return how far it moved by each comparison."""
         lasted_s, v, r, turn, along, wheel_rad, command_rad = motion
+        turned_rad = r * lasted_s
         moved = {
-            "heading": (heading_rad + turn * lasted_s, r * lasted_s),
-            "command": (wheel_rad * lasted_s, command_rad * lasted_s),
+            "heading": compared(heading_rad + turn * lasted_s, turned_rad),
+            "command": compared(wheel_rad * lasted_s, command_rad * lasted_s),
         }
         if self._vehicle is not None:
             m, _, c_f, c_r, l_f, l_r, l_s, _ = self._vehicle
-            length = l_f + l_r
-            side_m = l_r - m * l_f * v * v / (c_r * length)
-            rear_m = -l_f - m * l_r * v * v / (c_f * length)
+            length, along_m = l_f + l_r, along * lasted_s
+            mv2 = m * v * v / length
+            sides_m = l_r - mv2 * l_f / c_r, -l_f - mv2 * l_r / c_f
             steer_m = length + understeer_gradient_s2_m(self._vehicle) * v * v
-            moved["lateral"] = (error_m - along * lasted_s, (side_m + l_s) * r * lasted_s)
-            moved["behind"] = (error_m - along * lasted_s, (rear_m + l_s) * r * lasted_s)
-            moved["yaw"] = (r * lasted_s, v * wheel_rad / steer_m * lasted_s)
+            moved["yaw"] = compared(turned_rad, v * wheel_rad / steer_m * lasted_s)
+            for name, side_m in zip(("lateral", "behind"), sides_m, strict=True):
+                moved[name] = compared(error_m, (l_s + side_m) * turned_rad, along_m)
         return moved

@@ -4,9 +4,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ...dbc.codec.sender_watch import second_sender_line
+from ...dbc.messages import Validity
 from ...runtime.node import NS_PER_S
 from ...runtime.program.fail_if_conditions import Report
 from ...runtime.program.report import causes_line, durations_line
+from ..limits.designed_ranges import VALIDITY_IN_WORDS
 from ..settings import ControllerSettings
 from .run_figures import ControlVerdict
 
@@ -27,6 +29,9 @@ def controller_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
                 f"{state.replace('_', ' too ')} for the settings, {100.0 * share:.0f} % of the time"
             )
             yield "validity", text
+    if share := node["validity_share"].get("model_misfit"):
+        text = VALIDITY_IN_WORDS[Validity.MODEL_MISFIT]
+        yield "warning", f"{text}, {100.0 * share:.0f} % of the time"
     period = node["sensor_period"]
     if period is not None and period["times_wrong"]:
         yield (

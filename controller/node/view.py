@@ -30,3 +30,8 @@ def plant_text(freshness: tuple[Freshness, ...], *, ends_with_plant: bool) -> st
     if stale:
         return f"plant: {' and '.join(stale)} stopped"
     return "plant present" if Freshness.FRESH in freshness else ""
+
+
+def implausible_text(contradiction: str) -> str:
+    """Return the line that says what contradicts what in the plant's signals, else ""."""
+    return contradiction and f"warning: signals of the plant: {contradiction}"

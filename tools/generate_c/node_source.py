@@ -121,7 +121,7 @@ def node_source(settings: ControllerSettings, title: str) -> dict[str, str]:
     """
     if settings.supervision.second_sender == "silent":
         raise SettingsError('supervision.second_sender = "silent" does not become C: leave it out')
-    if settings.supervision.stops_if_implausible:
+    if settings.supervision.stops_if_implausible is True:
         raise SettingsError("supervision.stops_if_implausible does not become C: leave it out")
     sources = reached(_RULES)
     records = records_of(sources)
