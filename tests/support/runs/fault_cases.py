@@ -88,7 +88,7 @@ DETECTED = (
 UNDETECTED = (
     *(Case("stuck", message, 1.0) for message in (ERROR, COMMAND)),
     *(Case("offset", message, 0.03) for message in (ERROR, COMMAND)),
-    *(Case("scale", message, -1.0) for message in (ERROR, COMMAND)),
+    *(Case("scale", message, 0.5) for message in (ERROR, COMMAND)),
     *(Case("drift", message, 0.03) for message in (ERROR, COMMAND)),
     Case("noise", ERROR, 0.02),
 )
