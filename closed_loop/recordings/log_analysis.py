@@ -14,14 +14,17 @@ from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
+from .durations import Durations, History
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
-from .latency_and_jitter import Durations, History, Latencies
+from .latency_and_jitter import Latencies
 from .log_file import open_log
 from .log_state import LogError
 from .time_axis import TimeAxis
 
 GAP_PERIODS = 3
 """A message that is absent for more than this many of its periods leaves a gap."""
+_PERIOD_CYCLES = 20
+"""Cycles that tell the period of a message which is sent less often than its DBC says."""
 BACKWARDS_SHARE_MAX = 0.01
 """Of frames whose time runs backwards; a recorder of several channels may swap neighbours."""
 SET_BACK_MAX = 3
@@ -126,6 +129,9 @@ class LogAnalysis:
         self._axis = TimeAxis()
         self._frames = 0
         self._newest_ns: dict[str, int] = {}
+        self._first_ns: dict[str, int] = {}
+        self._unjudged = defaultdict[str, list[tuple[int, int]]](list)
+        """The first cycles of each message [ns], and when they began."""
         self._gaps: list[Gap] = []
         self._gap_counts = Counter[str]()
         self._configs: list[dict[str, Any]] = []
@@ -171,9 +177,11 @@ class LogAnalysis:
         ``not_judged``  why there is no verdict; empty if there is one
         ``names``       of the car's signals, by the quantity that each carries
         """
-        self.latencies.close_window()
+        self.latencies.close_block()
         axis = self._axis
         self._leave_mode(axis.duration_ns or 0)
+        for name, waiting in self._unjudged.items():
+            self._judge_cycles(name, self.listed[name].cycle_ms, waiting)
         obstacle = self._obstacle(not_read)
         held_path = self._held_path_figures()
         return {
@@ -242,15 +250,30 @@ class LogAnalysis:
         before_ns = self._newest_ns.get(name)
         self._newest_ns[name] = since_ns
         if before_ns is None or not period_ms:
+            self._first_ns[name] = since_ns
             return
         cycle_ns = since_ns - before_ns
         self.cycles[name].record(cycle_ns)
         self.cycle_histories[name].add(since_ns / NS_PER_S, cycle_ns / NS_PER_S)
-        if cycle_ns > GAP_PERIODS * period_ms * NS_PER_MS and name in self.listed:
-            self._gap_counts[name] += 1
-            gap = Gap(cycle_ns / NS_PER_S, before_ns / NS_PER_S, name)
-            add = heapq.heappush if len(self._gaps) < GAPS_MAX else heapq.heappushpop
-            add(self._gaps, gap)
+        if name in self.listed:
+            waiting = self._unjudged[name]
+            waiting.append((cycle_ns, before_ns))
+            if self.cycles[name].count >= _PERIOD_CYCLES:
+                self._judge_cycles(name, period_ms, waiting)
+
+    def _judge_cycles(self, name: str, period_ms: float, waiting: list[tuple[int, int]]) -> None:
+        """Count the gaps among cycles, by the period of the message or its own longer one."""
+        counts = self.listener.counts(name)
+        sent = max(counts.accepted + counts.missing - 1, 1)
+        own_ns = (self._newest_ns[name] - self._first_ns[name]) / sent
+        longest_ns = GAP_PERIODS * max(period_ms * NS_PER_MS, own_ns)
+        for cycle_ns, before_ns in waiting:
+            if cycle_ns > longest_ns:
+                self._gap_counts[name] += 1
+                gap = Gap(cycle_ns / NS_PER_S, before_ns / NS_PER_S, name)
+                add = heapq.heappush if len(self._gaps) < GAPS_MAX else heapq.heappushpop
+                add(self._gaps, gap)
+        waiting.clear()
 
     def _watch(self, message: messages.Message, since_ns: int | None) -> None:
         """Follow path, modes, law, the counts that the nodes report, and changes of the latency."""
@@ -313,7 +336,9 @@ class LogAnalysis:
             "reported_uplink": latencies.reported_uplink.report(),
             "reported_downlink": latencies.reported_downlink.report(),
             "samples_skipped": latencies.samples_skipped,
-            "is_absolute": latencies.absolute_windows > 0 and not latencies.relative_windows,
+            "sensor_period_s": latencies.sensor_period_s,
+            "sensor_period_error_s": latencies.sensor_period_s and latencies.sensor_period_error_s,
+            "is_absolute": latencies.is_absolute and latencies.sensor_period_s is not None,
         }
 
 

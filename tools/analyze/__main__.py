@@ -170,7 +170,9 @@ def _analyse(
         from steer_by_wire.tools.analyze.pictures import draw_pictures, draw_smoothed
 
         if smoothed:
-            figures["smoothed"] = smoothed[0].figures
+            from steer_by_wire.tools.analyze.smoothing import delay_of
+
+            figures["smoothed"] = smoothed[0].figures | delay_of(figures["latency"]["round_trip"])
         write_text(partial / _SOURCE, source)
         write_json(partial / "figures.json", figures)
         title = f"Log of the bus: {', '.join(path.name for path in paths)}"

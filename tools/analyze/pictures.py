@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...closed_loop.recordings.latency_and_jitter import Durations
+from ...closed_loop.recordings.durations import Durations
 from ...closed_loop.recordings.log_analysis import LogAnalysis
 from ...closed_loop.reports.page import Picture
 from ...closed_loop.reports.plot_style import COLOURS, plot_style, png_of

@@ -57,9 +57,11 @@ def print_results(results: Sequence[Result]) -> None:
         if len(figures["channels"]) > 1 and figures["latency"]["commands"]:
             print(f"several channels ({', '.join(figures['channels'])}): choose with --channel")
         if smoothed := figures.get("smoothed"):
-            offset = smoothed["steering_offset_rad"]
-            mean, std = 1e3 * offset["mean"], 1e3 * offset["mean_std"]
-            print(f"smoothed steering offset: {mean:.2f} ± {std:.2f} mrad")
+            for name in ("delay_s", "steering_lag_s", "steering_offset_rad"):
+                *words, unit = name.split("_")
+                if found := smoothed.get(name):
+                    mean, std = 1e3 * found["mean"], 1e3 * found["mean_std"]
+                    print(f"smoothed {' '.join(words)}: {mean:.2f} ± {std:.2f} m{unit}")
         print(f"report: {result.folder / 'report.html'}")
 
 
@@ -71,6 +73,15 @@ def _latency(name: str) -> Callable[[dict[str, Any]], str]:
     def read(figures: dict[str, Any]) -> str:
         report = figures["latency"][name]
         return "/".join(milliseconds(report[key], 2) for key in ("p50_s", "p99_s", "jitter_s"))
+
+    return read
+
+
+def _intervals(name: str) -> Callable[[dict[str, Any]], str]:
+    def read(figures: dict[str, Any]) -> str:
+        interval = figures["latency"][name]["interval"] or {}
+        ends = (interval.get(key, (None, None)) for key in ("p50_s", "p99_s", "jitter_s"))
+        return "/".join(f"{milliseconds(low, 1)}..{milliseconds(high, 1)}" for low, high in ends)
 
     return read
 
@@ -90,9 +101,12 @@ _ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "steer, RMS [mrad]": _signal("steer_rad", "rms"),
     "steer, peak [mrad]": _signal("steer_rad", "peak"),
     "round trip, p50/p99/jitter [ms]": _latency("round_trip"),
+    "  of the network, 95 %": _intervals("round_trip"),
     "commands, latency, p50/p99/jitter [ms]": _latency("reported_downlink"),
     "commands, latency and wait, same [ms]": _latency("downlink"),
+    "  of the network,  95 %": _intervals("downlink"),
     "measurements, latency, same [ms]": _latency("uplink"),
+    "  of the network, 95 % ": _intervals("uplink"),
     "counters missing/of them late": _missing,
     "refused": lambda figures: str(sum(figures["refused"].values())),
     "foreign": lambda figures: str(figures["foreign_frames"]),

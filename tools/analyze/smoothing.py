@@ -5,6 +5,12 @@ The Kalman filter and the Rauch-Tung-Striebel smoother are filterpy's. The model
 angle that the plant reports, seen by y and Δψ; d is a steering offset, which is also what a side
 force or a bank look like.
 
+The steering's lag T is fitted to the commands u that the plant's echoes name, by least squares:
+
+    δ[k+1] = α δ[k] + b u[k] + (1 - α - b) u[k+1],  α = exp(-P/T),  P the sensors' period
+
+where b is when in between they changed. A part of the lag that is dead time counts as delay.
+
 A value and its standard deviation are what the model makes of the record: a wrong vehicle is not in
 the deviation.
 
@@ -14,13 +20,14 @@ share their counter, at the time at which it came, evenly spread:
     time_s, side_slip_rad, ..., and each with _std behind its name
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from ...closed_loop.recordings.bus_listener import command_at
 from ...closed_loop.recordings.log_analysis import LoggedMessages
 from ...closed_loop.recordings.log_state import LogError
 from ...controller.filters.settings import VehicleModelSettings
@@ -35,7 +42,10 @@ from ...controller.prediction.gains_over_speed import (
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
     LateralError,
+    SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
+    SteeringStatusCode,
     VehicleState,
 )
 from ...runtime.array_types import FloatArray
@@ -107,6 +117,41 @@ def _smoothed_with_input(
 
 
 _SAMPLES_MIN = 100
+_WHEEL_STEP_RAD = 1e-5
+"""Resolution of the wheel angle."""
+
+
+def fit_lag(period_s: float, wheel_rad: FloatArray, command_rad: FloatArray) -> tuple[float, float]:
+    """Return the steering's lag and its standard deviation [s]; infinite where nothing shows it.
+
+    ``command_rad``  the command in effect at each sample; NaN where it is not known or not followed
+    """
+    before, command = command_rad[:-1], command_rad[1:]
+    rows = np.column_stack((wheel_rad[:-1] - command, before - command))
+    target = wheel_rad[1:] - command
+    shows = np.isfinite(rows).all(axis=1) & (np.abs(rows) > _WHEEL_STEP_RAD).any(axis=1)
+    if shows.sum() < _SAMPLES_MIN:
+        return 0.0, np.inf
+    (alpha, b), *_ = np.linalg.lstsq(rows[shows], target[shows], rcond=None)
+    left_rad = target[shows] - rows[shows] @ (alpha, b)
+    spread = np.linalg.pinv(rows[shows].T @ rows[shows])[0, 0]
+    deviation = np.sqrt(spread) * max(float(np.std(left_rad)), _WHEEL_STEP_RAD / np.sqrt(12.0))
+    if not 0.0 < alpha < 1.0:
+        return 0.0, np.inf if alpha >= 1.0 else period_s
+    lag_s = -period_s / np.log(alpha)
+    return float(lag_s), float(deviation * lag_s**2 / (alpha * period_s))
+
+
+def delay_of(round_trip: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the mean of the round trips, which is the delay of the commands and of their echoes.
+
+    Nothing where the log does not know it.
+    """
+    if not round_trip["interval"]:
+        return {}
+    low_s, high_s = round_trip["interval"]["mean_s"]
+    # The interval is of 95 %.
+    return {"delay_s": {"mean": round_trip["mean_s"], "mean_std": (high_s - low_s) / 3.92}}
 
 
 class _Error(NamedTuple):
@@ -119,10 +164,11 @@ class _Error(NamedTuple):
 
 
 class _Status(NamedTuple):
-    """A STEERING_STATUS, and the number of its sample."""
+    """A STEERING_STATUS, the number of its sample, and the command in effect (NaN: not known)."""
 
     sample: int
     wheel_rad: float
+    command_rad: float
 
 
 class SmoothedTable:
@@ -132,7 +178,8 @@ class SmoothedTable:
 
     ``time_s``      of each sample since the first frame, shape (n,)
     ``values``      of VEHICLE_STATES, shape (n, states), and their standard ``deviations``
-    ``figures``     of each column the mean, and that of its standard deviation
+    ``figures``     of each column and of ``steering_lag_s`` the mean, and that of its standard
+                    deviation
     """
 
     def __init__(self, path: Path, vehicle: VehicleModelSettings) -> None:
@@ -140,6 +187,7 @@ class SmoothedTable:
         self._errors: list[_Error] = []
         self._statuses: list[_Status] = []
         self._speeds_m_s: list[float] = []
+        self._commands: dict[int, SteeringCommand | SteeringPlan] = {}
         self.figures: dict[str, Any] = {}
         self.time_s, self.values, self.deviations = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
 
@@ -152,7 +200,10 @@ class SmoothedTable:
                 self._errors.append(_Error(sample, taken.at_s, error_m, heading_rad))
             elif isinstance(message, SteeringStatus):
                 sample = self._sample(self._statuses, counter)
-                self._statuses.append(_Status(sample, message.wheel_angle_rad))
+                command_rad = self._in_effect_rad(message, counter)
+                self._statuses.append(_Status(sample, message.wheel_angle_rad, command_rad))
+            elif isinstance(message, SteeringCommand | SteeringPlan):
+                self._commands[command_at(message, 0).command_counter] = message
             elif isinstance(message, VehicleState):
                 self._speeds_m_s.append(message.speed_m_s)
 
@@ -168,7 +219,7 @@ class SmoothedTable:
         first, last = self._errors[0], self._errors[-1]
         period_s: float = (last.at_s - first.at_s) / (last.sample - first.sample)
         count = last.sample - first.sample + 1
-        measured, wheel_rad = self._by_sample(first.sample, count)
+        measured, wheel_rad, command_rad = self._by_sample(first.sample, count)
         time_s = first.at_s + period_s * np.arange(count, dtype=np.float64)
         values, deviations = smooth_vehicle(self._vehicle, speed_m_s, period_s, measured, wheel_rad)
         names = [name for state in VEHICLE_STATES for name in (state, f"{state}_std")]
@@ -180,15 +231,29 @@ class SmoothedTable:
         self.figures = {
             name: {"mean": float(mean), "mean_std": float(std)} for name, mean, std in means
         }
+        lag_s, deviation_s = fit_lag(period_s, wheel_rad, command_rad)
+        if np.isfinite(deviation_s):
+            self.figures["steering_lag_s"] = {"mean": lag_s, "mean_std": deviation_s}
 
-    def _by_sample(self, first: int, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return what was measured at each sample, and the wheel."""
-        measured = np.full((count, 2), np.nan)
+    def _by_sample(self, first: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what was measured at each sample, the wheel, and the command in effect."""
+        measured, command_rad = np.full((count, 2), np.nan), np.full(count, np.nan)
         for error in self._errors:
             measured[error.sample - first] = error.lateral_error_m, error.heading_error_rad
         at = [one.sample - first for one in self._statuses]
+        for place, status in zip(at, self._statuses, strict=True):
+            if 0 <= place < count:
+                command_rad[place] = status.command_rad
         # A lost wheel angle lies between its neighbours.
-        return measured, np.interp(range(count), at, [one.wheel_rad for one in self._statuses])
+        wheel_rad = np.interp(range(count), at, [one.wheel_rad for one in self._statuses])
+        return measured, wheel_rad, command_rad
+
+    def _in_effect_rad(self, status: SteeringStatus, counter: int) -> float:
+        """Return the command that the wheel follows; NaN where it is not known or is limited."""
+        command = self._commands.get(status.applied_counter)
+        if command is None or status.status is not SteeringStatusCode.APPLYING:
+            return float("nan")
+        return command_at(command, counter).steer_rad
 
     def _sample(self, own: Sequence[_Error | _Status], counter: int) -> int:
         """Return the number of a sample: the one nearest to what comes next."""

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.recordings.latency_and_jitter import History, relative_uplink
+from steer_by_wire.closed_loop.recordings.durations import History
+from steer_by_wire.closed_loop.recordings.sensing_times import relative_uplink
 from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.tools.analyze.__main__ import main

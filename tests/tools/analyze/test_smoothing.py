@@ -13,10 +13,11 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.analyze.smoothing import (
     VEHICLE_STATES,
+    fit_lag,
     smooth_vehicle,
 )
 from steer_by_wire.tools.run.__main__ import main as run_loop
@@ -34,11 +35,12 @@ def vehicle() -> VehicleModelSettings:
     return CONTROLLER.nominal_model
 
 
-def driven() -> CompiledRun:
+def driven(lag_s: float = 0.0) -> CompiledRun:
     plant = PlantSettings(
         duration_s=20.0,
         vehicle=VehicleSettings(speed_m_s=SPEED_M_S),
         path=DoubleLaneChangeSettings(kind="double_lane_change"),
+        actuator=ActuatorSettings(lag_s=lag_s),
         latency=BothLatencySettings(downlink=LatencySettings(mean_s=0.1)),
         safety=UNGUARDED,
     )
@@ -75,6 +77,19 @@ def test_states_and_offset_are_found_with_errors_as_large_as_stated(offset_rad: 
     assert np.std(errors) < 0.35 * 0.002  # of the noise of one measurement
 
 
+@pytest.mark.parametrize("lag_s", [0.02, 0.27])
+def test_a_lag_is_found_within_three_of_its_deviations(lag_s: float) -> None:
+    run = driven(lag_s)
+    found_s, deviation_s = fit_lag(PERIOD_S, run.wheel_angle_rad, run.command_rad)
+    assert abs(found_s - lag_s) < max(3.0 * deviation_s, 1e-3 * lag_s)
+    assert deviation_s < 0.1 * lag_s
+
+
+def test_a_wheel_that_never_moves_shows_no_lag() -> None:
+    still = np.zeros(200)
+    assert fit_lag(PERIOD_S, still, still) == (0.0, np.inf)
+
+
 @pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize("law", ["predictor", "packet"])
 def test_analyze_smooths_a_recording_and_says_the_offset(
@@ -89,8 +104,12 @@ def test_analyze_smooths_a_recording_and_says_the_offset(
     assert analyze([str(log), "--out", str(out), "--smooth", str(VEHICLE_FILE)]) == 0
     figures = json.loads((out / "candump" / "figures.json").read_text())["smoothed"]
     offset_rad = figures["steering_offset_rad"]["mean"]
-    said = f"smoothed steering offset: {1e3 * offset_rad:.2f} ± "
-    assert said in capsys.readouterr().out
+    lag_s, delay_s = (figures[name]["mean"] for name in ("steering_lag_s", "delay_s"))
+    printed = capsys.readouterr().out
+    assert f"smoothed steering offset: {1e3 * offset_rad:.2f} ± " in printed
+    assert f"smoothed steering lag: {1e3 * lag_s:.2f} ± " in printed
+    assert lag_s == pytest.approx(0.05, abs=0.002)
+    assert 0.08 < delay_s < 0.092  # to the sample after it acts
     assert "Smoothed: estimate" in (out / "candump" / "report.html").read_text(encoding="utf-8")
     assert abs(offset_rad) < 0.001
     table = np.genfromtxt(out / "candump" / "smoothed.csv", delimiter=",", names=True)
