@@ -8,15 +8,8 @@ from scipy import stats
 
 from steer_by_wire.closed_loop.recordings.durations import CONFIDENCE
 from steer_by_wire.closed_loop.recordings.latency_and_jitter import Latencies
-from steer_by_wire.dbc.messages import (
-    Mode,
-    PlantStatus,
-    SafetyState,
-    SecondSender,
-    SteeringCommand,
-    SteeringStatus,
-    SteeringStatusCode,
-)
+from steer_by_wire.dbc.messages import PlantStatus, SteeringStatus, SteeringStatusCode
+from tests.support.frames.made_messages import command_of, message_with
 
 NS = 1_000_000_000
 COUNTERS = 256
@@ -73,19 +66,17 @@ def drawn(seed: int, duration_s: float = 40.0) -> Network:
             latencies.on_command(command_of(command_counter=k % COUNTERS), at_ns)
             continue
         if kind == 2:
-            safe = SafetyState.NORMAL, SecondSender.NONE
             reported_s = 0.0005 * round(float(uplink.rvs(random_state=rng)) / 0.0005)
-            report = PlantStatus(0.0, reported_s, 0, 0, *safe)
+            report = message_with(PlantStatus, uplink_latency_s=reported_s)
             latencies.on_plant_frame(at_ns)
             latencies.on_plant_status(report, at_ns)
             continue
         is_late, command = k < newest, int(in_effect[k])
         newest = max(newest, k)
-        status = SteeringStatus(
-            wheel_angle_rad=0.0,
-            applied_counter=max(command, 0) % COUNTERS,
-            status=SteeringStatusCode.APPLYING if command >= 0 else SteeringStatusCode.NO_COMMAND,
-        )
+        applied = {"applied_counter": max(command, 0) % COUNTERS}
+        if command >= 0:
+            applied["status"] = SteeringStatusCode.APPLYING
+        status = message_with(SteeringStatus, **applied)
         latencies.on_plant_frame(at_ns)
         latencies.on_status(status, k % COUNTERS, is_late, at_ns)
         if command >= 0 and not is_late and command not in named:
