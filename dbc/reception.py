@@ -149,18 +149,18 @@ class Reception:
         length, wanted_flags, unpack, check = received
         if flags != wanted_flags or len(data) != length:
             if flags & FD and is_secured(frame):  # with a key, the classic frame arrives here
-                return self._refuse(Refused.NO_KEY)
-            return self._refuse(misfit_of(frame))
+                return self.refuse(Refused.NO_KEY)
+            return self.refuse(misfit_of(frame))
         unpacked = unpack(data)
         if isinstance(unpacked, Rejection):
-            return self._refuse(cause_of(unpacked, data))
+            return self.refuse(cause_of(unpacked, data))
         message, counter = unpacked
         if check is not None:
             result = check.check(counter, now_ns, data)
             if result is not _ACCEPTED:
-                return self._refuse(result)
+                return self.refuse(result)
             if self.is_silent and self.second_sender(now_ns):
-                return self._refuse(Rejection.SECOND_SENDER)
+                return self.refuse(Rejection.SECOND_SENDER)
         self.accepted += 1
         return message
 
@@ -168,15 +168,16 @@ class Reception:
         """Refuse a frame that only this node sends, unless it is the echo of its own."""
         can_id, data, flags = frame
         if flags & (ERROR | EXTENDED | REMOTE):  # another identifier, or none
-            return self._refuse(Rejection.WRONG_FORMAT)
+            return self.refuse(Rejection.WRONG_FORMAT)
         for frames in reversed(self._sent):
             if any(sent.can_id == can_id and sent.data == data for sent in frames):
                 return None
         self._own_seen.add(can_id)
         self._own_ns = now_ns
-        return self._refuse(Rejection.OWN_IDENTIFIER)
+        return self.refuse(Rejection.OWN_IDENTIFIER)
 
-    def _refuse(self, cause: _Cause) -> _Cause:
+    def refuse(self, cause: _Cause) -> _Cause:
+        """Count a refused frame by its cause, and return that."""
         self._rejected[cause.name.lower()] += 1
         self.refused += 1
         return cause

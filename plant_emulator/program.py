@@ -17,6 +17,7 @@ from ..runtime.node.end import End
 from ..runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from ..runtime.program.node_options import load_program_settings, make_parser
 from ..runtime.program.run_node import run_node
+from ..runtime.settings import SettingsError
 from .check_option import check_text
 from .evaluation.report_in_words import plant_summary, verdict_text
 from .evaluation.run_record import SAMPLES_MAX, write_trace
@@ -44,6 +45,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
     parser.add_argument(
+        "--interventions",
+        action="store_true",
+        help="accept LATENCY_CONFIG and DISTURBANCE_CONFIG from anyone on the bus",
+    )
+    parser.add_argument(
         "--check",
         action="store_true",
         help="do not run; print settings, and figures of vehicle, path and limits",
@@ -56,11 +62,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    seed = [] if options.seed is None else [f"seed={options.seed}"]
+    overrides = [] if options.seed is None else [f"seed={options.seed}"]
+    overrides += ["interventions=allow"] if options.interventions else []
     language = read_language(options.dialect)
     settings = load_program_settings(
-        PlantSettings, PRESETS, options, seed, shared_vehicle(options.vehicle), naming(language)
+        PlantSettings,
+        PRESETS,
+        options,
+        overrides,
+        shared_vehicle(options.vehicle),
+        naming(language),
     )
+    if settings.interventions == "allow" and options.key_file is not None:
+        raise SettingsError(
+            "--interventions: a plant with --key-file refuses what is not authentic"
+        )
     if options.check:
         print(check_text(settings), end="")
         return ExitStatus.OK

@@ -68,9 +68,9 @@ class PlantSettings(Settings):
     ground_truth: bool = False
     """Whether GROUND_TRUTH is sent with each sample, for monitors and logs."""
     latency: BothLatencySettings = BothLatencySettings()
-    interventions: Literal["allow", "refuse"] = "allow"
-    """Whether tools on the bus may change latency and disturbance during the run, by
-    LATENCY_CONFIG and DISTURBANCE_CONFIG. Each is reported, also if it is refused."""
+    interventions: Literal["allow", "refuse"] = "refuse"
+    """Whether tools on the bus may change latency and disturbance during the run, by LATENCY_CONFIG
+    and DISTURBANCE_CONFIG. Nothing proves who sent these; a plant with a key refuses them."""
     safety: SafetySettings = SafetySettings()
     verdict: VerdictRules = VerdictRules()
     """Thresholds of the verdict on the run."""

@@ -49,6 +49,8 @@ class Rejection(StrEnum):
     """Under an identifier that only the receiver sends: it has a second sender."""
     SECOND_SENDER = "second_sender"
     """Not followed while there is a second sender, as the settings ask."""
+    INTERVENTION = "intervention"
+    """Changes latency or disturbance, which the receiver was not started to accept."""
 
 
 MessageT = TypeVar("MessageT", bound=tuple[Any, ...])

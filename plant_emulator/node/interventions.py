@@ -1,7 +1,7 @@
 """Interventions: what LATENCY_CONFIG and DISTURBANCE_CONFIG on the bus have changed of the run.
 
-These frames have neither counter nor CRC, and nothing proves who sent them. So each one is kept,
-printed and reported.
+These frames have neither counter nor CRC, and nothing proves who sent them. So a plant refuses them
+unless its settings allow them, and keeps, prints and reports each one that it takes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,14 +19,9 @@ _SENDER = "TOOL"
 
 
 class Intervention(NamedTuple):
-    """One frame that changes the run, or would if the settings allowed it.
-
-    ``motion_ns``  time since the start of motion, 0 before [ns]
-    ``is_taken``   whether it acts
-    """
+    """One frame that changes the run, ``motion_ns`` after the start of motion, 0 before [ns]."""
 
     motion_ns: int
-    is_taken: bool
     frame: Frame
     message: LatencyConfig | DisturbanceConfig
 
@@ -34,7 +29,7 @@ class Intervention(NamedTuple):
         """Return it as the user reads it."""
         what = f"{self.frame.can_id:03X}#{self.frame.data.hex().upper()} (sender by DBC: {_SENDER})"
         at = f"at {self.motion_ns / NS_PER_S:.3f} s of motion"
-        return f"{in_words(self.message)} {at}{'' if self.is_taken else ', REFUSED'}, by {what}"
+        return f"{in_words(self.message)} {at}, by {what}"
 
     def report(self) -> Mapping[str, Any]:
         """Return it ready for JSON; ``frame`` as cansend takes it."""
@@ -45,12 +40,9 @@ class Intervention(NamedTuple):
         return {
             "text": self.text(),
             "at_s": self.motion_ns / NS_PER_S,
-            "taken": self.is_taken,
             "claimed_sender": _SENDER,
             "frame": f"{self.frame.can_id:03X}#{self.frame.data.hex().upper()}",
-            "message": "LATENCY_CONFIG"
-            if isinstance(self.message, LatencyConfig)
-            else "DISTURBANCE_CONFIG",
+            "message": _name(self.message),
             **message,
         }
 
@@ -58,29 +50,34 @@ class Intervention(NamedTuple):
 class Interventions:
     """Keeps the interventions of a run.
 
-    ``count``   all so far, and ``refused``, those among them that the settings do not allow
-    ``newest``  None before the first
+    ``count``   all that were taken so far; ``newest``: None before the first
     """
 
     def __init__(self, settings: PlantSettings) -> None:
         self._allows = settings.interventions == "allow"
         self.kept: list[Intervention] = []
-        self.count = self.refused = 0
+        self.count = 0
+        self._refused = ""
+        """The name of the first that was refused."""
         self.newest: Intervention | None = None
 
     def take(
         self, frame: Frame, message: LatencyConfig | DisturbanceConfig, motion_ns: int
     ) -> bool:
-        """Keep one; returns whether the settings allow it."""
-        self.newest = Intervention(motion_ns, self._allows, frame, message)
+        """Keep one if the settings allow it; returns whether they do."""
+        if not self._allows:
+            self._refused = self._refused or f"{frame.can_id:03X} ({_name(message)})"
+            return False
+        self.newest = Intervention(motion_ns, frame, message)
         self.count += 1
-        self.refused += not self._allows
         if len(self.kept) < KEPT_MAX:
             self.kept.append(self.newest)
-        return self._allows
+        return True
 
     def newest_text(self) -> str:
         """Return the newest as one line for the user; empty before the first."""
+        if self._refused:
+            return f"{self._refused} refused: started without --interventions; more are counted"
         if self.newest is None:
             return ""
         return f"intervention {self.count} over the bus: {self.newest.text()}"
@@ -92,7 +89,11 @@ class Interventions:
     def report(self) -> Mapping[str, Any]:
         """Return all that is kept, ready for JSON."""
         kept = [each.report() for each in self.kept]
-        return {"count": self.count, "refused": self.refused, "kept": kept}
+        return {"count": self.count, "kept": kept}
+
+
+def _name(message: LatencyConfig | DisturbanceConfig) -> str:
+    return "LATENCY_CONFIG" if isinstance(message, LatencyConfig) else "DISTURBANCE_CONFIG"
 
 
 def in_words(message: LatencyConfig | DisturbanceConfig) -> str:

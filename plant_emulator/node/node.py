@@ -167,11 +167,12 @@ class PlantNode:
             due_ns = self._network.downlink.next_due_ns
             if due_ns < self.deadline_ns:
                 self.deadline_ns = due_ns
-        elif isinstance(received, LatencyConfig):
-            if self.interventions.take(frame, received, self._motion_ns(now_ns)):
+        elif isinstance(received, LatencyConfig | DisturbanceConfig):
+            if not self.interventions.take(frame, received, self._motion_ns(now_ns)):
+                self._reception.refuse(Rejection.INTERVENTION)
+            elif isinstance(received, LatencyConfig):
                 self._network.reconfigure(received)
-        elif isinstance(received, DisturbanceConfig):
-            if self.interventions.take(frame, received, self._motion_ns(now_ns)):
+            else:
                 self._live_disturbances.ask(received)
                 self.deadline_ns = min(self.deadline_ns, now_ns)
         elif isinstance(received, Rejection) and frame.can_id in _STEERING_IDS:

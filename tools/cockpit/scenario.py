@@ -148,6 +148,7 @@ def _plant_settings(scenario: Scenario) -> PlantSettings:
     values: dict[str, Any] = {
         "duration_s": _ENDLESS_S,
         "seed": scenario.seed,
+        "interventions": "allow",
         "sensor_period_ms": scenario.sensor_period_ms,
         "latency.downlink": _latency_table(scenario.downlink),
         "latency.uplink": _latency_table(scenario.uplink),

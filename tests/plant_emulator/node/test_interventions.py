@@ -1,15 +1,26 @@
 """Interventions of a tool in a run are printed, reported and traced."""
 
 import csv
+import random
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 
-from steer_by_wire.dbc.messages import Direction, DisturbanceConfig, LatencyConfig, LatencyModel
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    Direction,
+    DisturbanceConfig,
+    LatencyConfig,
+    LatencyModel,
+    PlantStatus,
+)
 from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.frame import Frame
 from tests.support.frames.made_messages import latency_of, message_with
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, seen
 
@@ -17,18 +28,27 @@ GUST = message_with(
     DisturbanceConfig, side_force_n=32_767.0, steering_offset_rad=0.02, friction_loss=0.3
 )
 SLOW = latency_of(Direction.BOTH, 0.08, 0.03, 0.01, model=LatencyModel.NORMAL)
+STATUS_ID = CAN_IDS[PlantStatus]
+STATUS_ID = CAN_IDS[PlantStatus]
 Changes = tuple[tuple[int, LatencyConfig | DisturbanceConfig], ...]
 
 
-def driven(settings: PlantSettings, changes: Changes = ()) -> Link:
+def driven(
+    settings: PlantSettings,
+    changes: Changes = (),
+    forged: Mapping[int, Sequence[Frame]] = MappingProxyType({}),
+    interventions: str = "allow",
+) -> Link:
     """Return a run of 4 s, with changes at the given steps, 2 ms after the sample."""
-    tested = Link(settings)
+    tested = Link(settings, interventions)
     by_step = dict(changes)
     for step in range(400):
         sample_ns = START_NS + step * PERIOD_NS
         if step in by_step:
             tested.configure(sample_ns + 2 * MS_NS, by_step[step])
             tested.tick(sample_ns + 2 * MS_NS)
+        for frame in forged.get(step, ()):
+            tested.node.on_frame(frame, sample_ns + 3 * MS_NS)
         tested.command(sample_ns + 4 * MS_NS, 0.002)
     tested.tick_until(START_NS + 400 * PERIOD_NS)
     return tested
@@ -57,10 +77,26 @@ def test_a_force_set_over_the_bus_is_shown_and_stands_in_report_and_trace(tmp_pa
     assert 0.998 <= float(marked[0]["time_s"]) < 1.01
 
 
-def test_a_setting_refuses_interventions_and_reports_them() -> None:
-    node = driven(PlantSettings(interventions="refuse"), ((50, SLOW), (100, GUST))).node
-    assert seen(node.samples) == seen(driven(PlantSettings()).node.samples)
-    made = node.report()["interventions"]
-    assert (made["count"], made["refused"]) == (2, 2)
-    assert "REFUSED" in node.view(0).states["intervention"]
-    assert words(node).count("REFUSED") == 2
+def test_no_frame_of_a_tool_changes_a_plant_that_was_not_started_to_accept_them() -> None:
+    rng = random.Random(58)
+    plain = driven(PlantSettings())
+    for _ in range(5):
+        forged: dict[int, list[Frame]] = {step: [] for step in range(400)}
+        for _ in range(200):
+            can_id = CAN_IDS[rng.choice((LatencyConfig, DisturbanceConfig))]
+            length = rng.choice((7, 7, 7, 7, rng.randrange(9)))
+            data = bytes(rng.choice((0, 1, 3, 35, rng.randrange(256))) for _ in range(length))
+            forged[rng.randrange(400)].append(Frame(can_id, data))
+        tested = driven(PlantSettings(), forged=forged, interventions="refuse")
+        # PLANT_STATUS counts what was refused; nothing else differs.
+        kept = [
+            [one for one in each.frames if one[1].can_id != STATUS_ID] for each in (plain, tested)
+        ]
+        assert kept[0] == kept[1]
+        assert seen(tested.node.samples) == seen(plain.node.samples)
+        report = tested.node.report()
+        assert report["interventions"] == {"count": 0, "kept": []}
+        assert sum(report["rejected"].values()) == 200
+        assert report["rejected"]["intervention"] > 20
+        said = tested.node.view(0).states["intervention"]
+        assert "refused: started without --interventions" in said

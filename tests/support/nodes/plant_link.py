@@ -31,9 +31,9 @@ def plant_settings(**tables: Any) -> PlantSettings:
 class Link:
     """Delivers commands as a controller would and keeps every frame that comes out."""
 
-    def __init__(self, settings: PlantSettings) -> None:
-        self.settings = settings
-        self.node = PlantNode(settings, START_NS)
+    def __init__(self, settings: PlantSettings, interventions: str = "allow") -> None:
+        self.settings = settings.model_copy(update={"interventions": interventions})
+        self.node = PlantNode(self.settings, START_NS)
         self.frames: list[tuple[int, Frame]] = []
         self.counter = 0
 

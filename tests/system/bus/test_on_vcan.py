@@ -49,7 +49,7 @@ PHASE_COMMANDS = 40
 """Of a phase in which nothing is done to the pair: three times what is sent most rarely."""
 ON_CHANNEL = ["-i", "socketcan", "-c", CHANNEL, *ORDINARY, *UNSUPERVISED]
 PLANT_OPTIONS = [
-    *ON_CHANNEL, "--preset", "paper_nominal", "--set", "duration_s=600",
+    *ON_CHANNEL, "--preset", "paper_nominal", "--interventions", "--set", "duration_s=600",
     "--set", "path.kind=ellipse", "--set", "path.semi_major_axis_m=20",
     "--set", "path.semi_minor_axis_m=10",
 ]  # fmt: skip
