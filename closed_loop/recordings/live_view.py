@@ -1,11 +1,7 @@
 """The state of the bus now and its history over the last SPAN_S, as programs show them live.
 
-Commands are due at a fixed period: the median of those between commands that are half the span
-apart, so that a burst of late ones does not count. A straight line of this period through the
-earliest command gives the times at which they were due, and so how late they were.
-
 Times are those at which a frame has arrived, or the program took it where the port does not know.
-Its figures of latency and lateness then contain its own waiting: some hundredths of a millisecond.
+Its figures of latency then contain its own waiting: some hundredths of a millisecond.
 Of a frame that was read late no time is measured.
 """
 
@@ -19,7 +15,6 @@ import numpy as np
 
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...dbc.messages import (
-    COMMAND_COUNTERS,
     ControllerSafety,
     ControllerStatus,
     DelayStatus,
@@ -83,115 +78,26 @@ class Recent:
 
     def strip(self, now_ns: int) -> Strip:
         """Return the values as a strip."""
-        return strip_of(*self.arrays(now_ns))
+        strip: list[float | None] = [None] * STRIP_LENGTH
+        ages_ns, values = self.arrays(now_ns)
+        places = STRIP_LENGTH - 1 - ages_ns * STRIP_LENGTH // SPAN_NS
+        for place, value in zip(places.tolist(), values.tolist(), strict=True):
+            if 0 <= place < STRIP_LENGTH:
+                there = strip[place]
+                if there is None or abs(value) > abs(there):
+                    strip[place] = value
+        return tuple(strip)
 
     def spread(self, now_ns: int) -> Spread | None:
         """Return the spread of the values [s]; None without any."""
-        return spread_of(self.arrays(now_ns)[1])
-
-
-def strip_of(ages_ns: IntArray, values: FloatArray) -> Strip:
-    """Return the strip of ``values`` that are ``ages_ns`` old [ns], both of shape (n,)."""
-    strip: list[float | None] = [None] * STRIP_LENGTH
-    places = STRIP_LENGTH - 1 - ages_ns * STRIP_LENGTH // SPAN_NS
-    for place, value in zip(places.tolist(), values.tolist(), strict=True):
-        if 0 <= place < STRIP_LENGTH:
-            there = strip[place]
-            if there is None or abs(value) > abs(there):
-                strip[place] = value
-    return tuple(strip)
-
-
-def spread_of(values_s: FloatArray) -> Spread | None:
-    """Return the spread of values of shape (n,) [s]; None without any."""
-    if not values_s.size:
-        return None
-    p50_s, p99_s = np.quantile(values_s, (0.5, 0.99))
-    return Spread(float(p50_s), float(p99_s), float(values_s.max()))
-
-
-JUMP_MAX = 4096
-"""A counter that jumps further is that of a controller that was restarted."""
-_REFIT_NS = NS_PER_S
-_COMMANDS_MIN = 3
-_RECENT_NS = 2 * NS_PER_S
-"""How long a controller that has skipped periods counts as late by its old numbers."""
-
-
-class _Due(NamedTuple):
-    """When a command was due: ``start_s`` after the first of the fit, and ``period_s`` a number."""
-
-    first_ns: int
-    first: int
-    start_s: float
-    period_s: float
-
-
-class CommandLateness:
-    """Takes the counter of every command and when it arrived."""
-
-    def __init__(self) -> None:
-        self._commands: deque[tuple[int, int]] = deque(maxlen=POINTS_MAX)  # time, number
-        self._due: _Due | None = None
-        self._fit_ns = 0
-
-    def on_command(self, counter: int, now_ns: int) -> None:
-        """Take a command that arrived at ``now_ns``."""
-        number = self._commands[-1][1] if self._commands else counter
-        step = (counter - number) % COMMAND_COUNTERS
-        if step > JUMP_MAX:
-            self._commands.clear()
-            self._fit_ns = 0
-            number, step = counter, 0
-        self._commands.append((now_ns, number + step))
-        while now_ns - self._commands[0][0] > SPAN_NS:
-            self._commands.popleft()
-
-    def newest_s(self) -> float:
-        """Return how late the newest command was [s], against the earliest of the last two seconds.
-
-        NaN without three commands.
-        """
-        if not self._commands:
-            return math.nan
-        now_ns, number = self._commands[-1]
-        if self._due is None or now_ns >= self._fit_ns:
-            known_ns = now_ns - self._commands[0][0]
-            fit = self._fitted(now_ns - _RECENT_NS)
-            self._due, self._fit_ns = fit, now_ns + min(known_ns // 4, _REFIT_NS)
-        due = self._due
-        if due is None:
-            return math.nan
-        since_s = (now_ns - due.first_ns) / NS_PER_S
-        return max(since_s - due.start_s - due.period_s * (number - due.first), 0.0)
-
-    def arrays(self, now_ns: int) -> tuple[IntArray, FloatArray]:
-        """Return age [ns] and lateness [s] of the last commands, each of shape (n,)."""
-        due = self._fitted(now_ns - SPAN_NS)
-        if due is None:
-            return np.empty(0, dtype=np.int64), np.empty(0)
-        times_ns, numbers = np.array(self._commands, dtype=np.int64).T
-        elapsed_s = (times_ns - due.first_ns) / NS_PER_S
-        return now_ns - times_ns, elapsed_s - due.start_s - due.period_s * (numbers - due.first)
-
-    def _fitted(self, since_ns: int) -> _Due | None:
-        """Return the line through the earliest command since then; None without enough of them."""
-        if len(self._commands) < _COMMANDS_MIN:
+        values_s = self.arrays(now_ns)[1]
+        if not values_s.size:
             return None
-        times_ns, numbers = np.array(self._commands, dtype=np.int64).T
-        elapsed_s = (times_ns - times_ns[0]) / NS_PER_S
-        count = (numbers - numbers[0]).astype(np.float64)
-        half = len(count) // 2
-        steps = count[half:] - count[:-half]
-        if not steps.all():
-            return None
-        period_s = float(np.median((elapsed_s[half:] - elapsed_s[:-half]) / steps))
-        is_recent = times_ns >= min(since_ns, times_ns[-1])
-        start_s = float((elapsed_s - period_s * count)[is_recent].min())
-        return _Due(int(times_ns[0]), int(numbers[0]), start_s, period_s)
+        p50_s, p99_s = np.quantile(values_s, (0.5, 0.99))
+        return Spread(float(p50_s), float(p99_s), float(values_s.max()))
 
 
-STRIPS = ("lateral_error_m", "steer_rad", "downlink_s", "uplink_s", "round_trip_s", "lateness_s")
+STRIPS = ("lateral_error_m", "steer_rad", "downlink_s", "uplink_s", "round_trip_s")
 _STALE_NS = NS_PER_S
 _MARK_NS = NS_PER_S // 10
 _IN_FLIGHT_MAX = 4096
@@ -238,7 +144,6 @@ class View(NamedTuple):
     plant: PlantStatus | None
     strips: Mapping[str, Strip]
     round_trip: Spread | None
-    lateness: Spread | None
     messages: tuple[MessageView, ...]
     refused: Mapping[str, int]
     foreign_frames: int
@@ -267,11 +172,10 @@ class BusWatch:
         self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
         self._newest: dict[type, Message] = {}
         """By the type of what is shown: a plan is a command."""
-        self._recent = {name: Recent() for name in STRIPS if name != "lateness_s"}
+        self._recent = {name: Recent() for name in STRIPS}
         self._cycles = defaultdict[str, Recent](Recent)
         self._arrived_ns: dict[str, int] = {}
         """When the newest frame came, by the message's name on the bus."""
-        self._lateness = CommandLateness()
         self._sent_ns: dict[int, int] = {}
         self._timed: set[str] = set()
         """What has a newest message with a time, by name."""
@@ -281,11 +185,6 @@ class BusWatch:
     def round_trip_s(self, now_ns: int) -> float:
         """Return the newest round trip [s]; NaN when there is none of the last second."""
         return self._recent["round_trip_s"].newest(now_ns)
-
-    @property
-    def lateness_s(self) -> float:
-        """How late the newest command was [s]; NaN before three, and for one that was read late."""
-        return self._lateness.newest_s() if NAMES[SteeringCommand] in self._timed else math.nan
 
     @property
     def refused(self) -> Mapping[str, int]:
@@ -320,9 +219,6 @@ class BusWatch:
 
     def view(self, now_ns: int) -> View:
         """Return the state to be shown at ``now_ns``."""
-        late_ages_ns, lateness_s = self._lateness.arrays(now_ns)
-        strips = {name: recent.strip(now_ns) for name, recent in self._recent.items()}
-        strips["lateness_s"] = strip_of(late_ages_ns, lateness_s)
 
         def shown(kind: type[_M]) -> _M | None:
             message = self._newest.get(kind)
@@ -342,9 +238,8 @@ class BusWatch:
             delay=shown(DelayStatus),
             model=shown(ModelStatus),
             plant=shown(PlantStatus),
-            strips=strips,
+            strips={name: recent.strip(now_ns) for name, recent in self._recent.items()},
             round_trip=self._recent["round_trip_s"].spread(now_ns),
-            lateness=spread_of(lateness_s),
             messages=self.messages(now_ns),
             refused=self.refused,
             foreign_frames=self._listener.foreign_frames,
@@ -366,7 +261,6 @@ class BusWatch:
             self._sent_ns.pop(message.command_counter, None)
             if has_time:
                 self._sent_ns[message.command_counter] = now_ns
-                self._lateness.on_command(message.command_counter, now_ns)
         elif isinstance(message, SteeringStatus):
             sent_ns = self._sent_ns.pop(message.applied_counter, None)
             if (

@@ -24,7 +24,6 @@ from .study_file import (
     Normal,
     SamplingKind,
     SamplingSettings,
-    Triangular,
     Uniform,
 )
 
@@ -113,16 +112,8 @@ def quantile_of(distribution: DistributionSettings) -> Callable[[float], float]:
             return lambda u: low + u * (high - low)
         case LogUniform(low=low, high=high):
             return lambda u: low * math.exp(u * math.log(high / low))
-        case Triangular(low=low, mode=mode, high=high):
-            return lambda u: _triangular(u, low, mode, high)
         case Normal():
             return _normal(distribution)
-
-
-def _triangular(u: float, low: float, mode: float, high: float) -> float:
-    if u * (high - low) < mode - low:
-        return low + math.sqrt(u * (high - low) * (mode - low))
-    return high - math.sqrt((1.0 - u) * (high - low) * (high - mode))
 
 
 def _normal(table: Normal) -> Callable[[float], float]:

@@ -58,8 +58,17 @@ class Ran(NamedTuple):
     reactions: Reactions
 
 
-def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatArray) -> RunEnd:
+def run_on_nodes(
+    pair: Pair,
+    bus: BusSettings | None,
+    rules: VerdictRules,
+    row: FloatArray,
+    commands_max: int | None = None,
+) -> RunEnd:
     """Write the results of one run into ``row``, shape (len(COLUMNS),).
+
+    ``bus``           None is a wire that takes no time
+    ``commands_max``  how many of the first commands count; all by default
 
     The noise and the rest bus are drawn from the plant's seed. Raises SettingsError.
     """
@@ -73,6 +82,7 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
         sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples])
     else:
         sent_rad = np.array(sent_on_bus_rad)
+    sent_rad = sent_rad[:commands_max]
     run_rules = rules_of(rules, pair.plant, pair.controller)
     followed_m = followed_error_m(plant.path, trace, run_rules.behind_preview_m)
     figures = figures_of_trace(run_rules, pair.plant, trace, followed_m, samples, sent_rad)
@@ -125,14 +135,16 @@ def figures_of_trace(
     )
 
 
-def _ran(pair: Pair, bus: BusSettings) -> Ran:
+def _ran(pair: Pair, bus: BusSettings | None) -> Ran:
+    if bus is None:
+        return _ran_over(None, pair)
     if not (bus.has_traffic or bus.has_errors):
         with suppress(BusOverflowError):  # of a bit rate too low for the pair: frames are refused
             return _ran_over(QuietBus(bus.bitrate_bit_s), pair)
     return _ran_over(shared_bus(bus, pair.plant.seed), pair)
 
 
-def _ran_over(wire: Wire, pair: Pair) -> Ran:
+def _ran_over(wire: Wire | None, pair: Pair) -> Ran:
     language = read_language(pair.dialect)
     plant, edge = make_virtual_plant(pair.plant, language=language)
     listening = language.listening()

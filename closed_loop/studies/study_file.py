@@ -56,22 +56,6 @@ class LogUniform(Settings):
         return self
 
 
-class Triangular(Settings):
-    """From ``low`` to ``high``, most likely at ``mode``."""
-
-    kind: Literal["triangular"]
-    low: float
-    mode: float
-    high: float
-
-    @model_validator(mode="after")
-    def _rises(self) -> Self:
-        if not self.low <= self.mode <= self.high:
-            raise ValueError(f"mode must be from low to high, not {self.mode}")
-        _refuse_falling(self.low, self.high)
-        return self
-
-
 class Normal(Settings):
     """Normal, cut off at ``low`` and ``high`` where they are given."""
 
@@ -89,9 +73,7 @@ class Normal(Settings):
         return self
 
 
-DistributionSettings = Annotated[
-    Uniform | LogUniform | Triangular | Normal, Field(discriminator="kind")
-]
+DistributionSettings = Annotated[Uniform | LogUniform | Normal, Field(discriminator="kind")]
 
 
 class FactorSettings(Settings):
@@ -234,7 +216,7 @@ class ReportSettings(Settings):
     """``[report]``: does not change the runs."""
 
     error_over_delay: tuple[str, ...] = ()
-    """Controllers in the picture ``error_over_delay.png``; none for all."""
+    """Controllers in the picture ``error_over_delay.png``; by default the first eight."""
 
 
 class StudySettings(Settings):

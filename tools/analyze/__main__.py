@@ -1,13 +1,12 @@
 """Analyse logs of the bus: signals, latency and jitter, cycle times, frames lost and refused.
 
     steer-by-wire analyze run.log
-    steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs --mcap
+    steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs
 
 Reads the formats .log .asc .blf .csv .db .trc .mf4 of python-can, and what candump prints or logs.
-For each FILE it writes a folder below --out: report.html, figures.json and signals.csv; with --mcap
-signals.mcap too (Foxglove, PlotJuggler). A FILE that cannot be read as a log is reported and
-skipped; the exit status is then 2. The last line is the verdict on how the path was held, by the
-measured error.
+For each FILE it writes a folder below --out: report.html, figures.json and signals.csv. A FILE that
+cannot be read as a log is reported and skipped; the exit status is then 2. The last line is the
+verdict on how the path was held, by the measured error.
 """
 
 import argparse
@@ -22,14 +21,12 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from steer_by_wire.closed_loop.recordings.foxglove_topics import FoxgloveTopics
 from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M
 from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_files
 from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
-from steer_by_wire.dbc.listening import Listening
 from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
@@ -73,7 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--channel", help="the channel to read, if the log has several (default: all)"
     )
-    parser.add_argument("--mcap", action="store_true", help="also write signals.mcap")
     parser.add_argument(
         "--smooth", type=Path, metavar="VEHICLE.toml",
         help="also write smoothed.csv: vehicle state and disturbance, with standard deviations,"
@@ -158,7 +154,7 @@ def _analyse(
     with _all_or_nothing(folder) as partial:
         with ExitStack() as stack:
             listening = read_language(options.dialect).listening()
-            exports = _exports(partial, options, listening)
+            exports: list[Export] = [CsvTable(partial / "signals.csv", listening)]
             smoothed = _smoothed(partial, options)
             exports += smoothed
             for export in exports:
@@ -209,15 +205,6 @@ def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]
     from steer_by_wire.tools.analyze.smoothing import SmoothedTable
 
     return [SmoothedTable(folder / "smoothed.csv", vehicle)]
-
-
-def _exports(folder: Path, options: argparse.Namespace, listening: Listening) -> list[Export]:
-    exports: list[Export] = [CsvTable(folder / "signals.csv", listening)]
-    if options.mcap:
-        topics = FoxgloveTopics()
-        topics.write_to(folder / "signals.mcap")
-        exports.append(topics)
-    return exports
 
 
 @contextmanager

@@ -224,7 +224,6 @@ class Sampler:
             "downlink_s": plant and plant.downlink_latency_s,
             "uplink_s": plant and plant.uplink_latency_s,
             "round_trip_s": command and status and self._watch.round_trip_s(now_ns),
-            "lateness_s": command and self._watch.lateness_s,
             "echo_delay_s": delay.echo_delay_s if delay and has_echo else None,
             "foot_x_m": foot.x_m,
             "foot_y_m": foot.y_m,

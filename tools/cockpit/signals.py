@@ -56,7 +56,6 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("downlink_s", "commands", "ms", 1e3, 1),
     Signal("uplink_s", "measurements", "ms", 1e3, 1),
     Signal("round_trip_s", "round trip", "ms", 1e3, 1),
-    Signal("lateness_s", "lateness", "ms", 1e3, 2),
     Signal("echo_delay_s", "delay by echo", "ms", 1e3, 1),
     Signal("foot_x_m", "path x", "m", 1.0, 2),
     Signal("foot_y_m", "path y", "m", 1.0, 2),
@@ -75,7 +74,6 @@ CHARTS: tuple[Chart, ...] = (
     Chart("Steer", ("wheel_angle_rad", "steer_in_effect_rad", "steer_rad"), "wheel_angle_rad"),
     Chart("Latency", ("downlink_s", "uplink_s"), "downlink_s"),
     Chart("Round trip", ("round_trip_s",), "round_trip_s"),
-    Chart("Lateness of commands", ("lateness_s",), "lateness_s"),
 )
 
 FIGURES: tuple[Figure, ...] = (

@@ -97,20 +97,6 @@ _UNSTABLE = 100.0
 """Violation of an unstable design, to which the share of unstable loops is added."""
 _NEARLY_MET = 0.5
 """Violation up to which the runs are judged too."""
-DEMANDS = (
-    "settling",
-    "delay margin",
-    "actuator lag",
-    "PD settling",
-    "PD damping",
-    "PD bandwidth",
-    "peak sensitivity",
-    "noise gain",
-    "RMS error",
-    "steer",
-    "steer rate",
-)
-"""Their names."""
 _OF_THE_PD = frozenset({"PD settling", "PD damping", "PD bandwidth"})
 
 

@@ -1,7 +1,5 @@
-"""Designs one law: search, confirmation, the reasons for its values, and its figures."""
+"""Designs one law: search, confirmation, and its figures."""
 
-from collections.abc import Iterator
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -10,18 +8,15 @@ from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .demands import DEMANDS, Demand, Judgement, Study, judge_law, make_study, unsteered_runs
-from .search.evolution import Progress, SearchStoppedError, Values
+from .demands import Demand, Judgement, Study, make_study, unsteered_runs
+from .search.evolution import Progress
 from .search.law_parameters import SETTINGS_KEYS, controller_settings
-from .search.parameter_search import Found, find, is_possible
+from .search.parameter_search import Found, find
 from .specification import Specification
 from .tracking import rms_m, tracking_grid
 from .vehicle_file import VehicleFile
 from .virtual_check import drive, jittered, plants
 
-_MOVE = 0.1
-"""Share by which a parameter is moved to see what it does."""
-_STOPPED = "stopped before it was found which demand is in the way"
 _MEANINGS = {
     "settling": "a mode slower than sigma",
     "delay margin": "unstable within the delay margin",
@@ -58,15 +53,6 @@ class RmsByDelay(NamedTuple):
     rms_m: FloatArray
 
 
-class Reason(NamedTuple):
-    """A parameter, and the law when it alone is moved down or up by a tenth."""
-
-    key: str
-    value: float
-    down: Judgement
-    up: Judgement
-
-
 class Design(NamedTuple):
     """A law that meets all demands.
 
@@ -78,7 +64,6 @@ class Design(NamedTuple):
     law: str
     settings: ControllerSettings
     found: Found
-    reasons: tuple[Reason, ...]
     rms: RmsByDelay
     rms_held_up_to_ns: int | None
     jitter_rms_m: tuple[float, ...]
@@ -89,16 +74,12 @@ def design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progre
     fine = make_study(spec, vehicle, fine=True)
     found = find(make_study(spec, vehicle, fine=False), fine, law, progress)
     if not found.feasible:
-        why = _STOPPED
-        with suppress(SearchStoppedError):
-            if found.ended:
-                why = _why_no_design(spec, vehicle, law, progress)
-        raise NoDesignError(f"{law}: no design; {_nearest(found)}; {why}", found)
-    return describe(fine, found)._replace(reasons=tuple(reasons(fine, law, found.values)))
+        raise NoDesignError(f"{law}: no design; {_nearest(found)}", found)
+    return describe(fine, found)
 
 
 def describe(study: Study, found: Found) -> Design:
-    """Return everything about a law that has been found but the reasons for it."""
+    """Return everything about a law that has been found."""
     spec, vehicle, law = study.spec, study.vehicle, found.law
     settings = controller_settings(spec, vehicle, law, found.values)
     by_delay = rms_by_delay(study, settings, found)
@@ -109,7 +90,6 @@ def describe(study: Study, found: Found) -> Design:
         law,
         settings,
         found,
-        (),
         by_delay,
         _held_up_to_ns(by_delay, spec.rms_m_max_of(law)),
         tuple(float(value) for value in worst_m[: len(spec.jitter)]),
@@ -143,32 +123,6 @@ def _nearest(found: Found) -> str:
     best = ", ".join(f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in values)
     fails = "; ".join(failed(found.judgement)) or "unstable by its eigenvalues"
     return f"the nearest ({best}) fails: {fails}"
-
-
-def _why_no_design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progress) -> str:
-    """Return without which of the demands a design exists."""
-
-    def is_one_possible(place: int, without: str) -> bool:
-        def show(done: float, best: float) -> None:
-            progress((place + done) / len(DEMANDS), best)
-
-        study = make_study(spec, vehicle, fine=False, without=frozenset({without}))
-        return is_possible(study, law, show)
-
-    culprits = [name for place, name in enumerate(DEMANDS) if is_one_possible(place, name)]
-    if culprits:
-        return f"without one of these there is a design: {', '.join(culprits)}"
-    return "with any single demand dropped none was found either"
-
-
-def reasons(study: Study, law: str, values: Values) -> Iterator[Reason]:
-    """Yield the reason for each parameter."""
-    for key, value in values.items():
-        down, up = (
-            judge_law(study, law, {**values, key: value * factor})
-            for factor in (1.0 - _MOVE, 1.0 + _MOVE)
-        )
-        yield Reason(key, value, down, up)
 
 
 def failed(judgement: Judgement) -> list[str]:

@@ -1,4 +1,4 @@
-"""Designs one law in a worker process, writes its files, and says why each value is what it is."""
+"""Designs one law in a worker process, and writes its files."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,18 +12,18 @@ from .demands import Demand
 from .law_design import Design, NoDesignError, design
 from .predictor_design import design_predictor, predictor_demands
 from .report import (
+    UNITS,
     LawFiles,
     demand_lines,
     draw_design,
     predictor_figures,
     predictor_preset_text,
     preset_text,
-    reason_lines,
     unmet_lines,
     unmet_text,
     written_lines,
 )
-from .search.law_parameters import controller_settings
+from .search.law_parameters import SETTINGS_KEYS, controller_settings
 from .searches import report_from
 from .specification import Specification
 from .vehicle_file import VehicleFile
@@ -90,10 +90,13 @@ def _linear_law(job: Job, files: LawFiles) -> Outcome:
 
 
 def _lines(spec: Specification, design: Design, files: LawFiles) -> Iterator[str]:
-    judgement = design.found.judgement
     yield ""
     yield f"{design.law}  ({design.found.judged} sets of parameters judged)"
-    yield from demand_lines(judgement)
+    values = design.found.values.items()
+    yield from (
+        f"  {SETTINGS_KEYS[key]} = {value:g} {UNITS.get(key, 'rad/s')}" for key, value in values
+    )
+    yield from demand_lines(design.found.judgement)
     confirmation = design.found.confirmation
     if confirmation is not None:
         yield f"  stable up to      {confirmation.stable_up_to_ns / 1e6:g} ms"
@@ -105,8 +108,6 @@ def _lines(spec: Specification, design: Design, files: LawFiles) -> Iterator[str
         yield f"  RMS limit kept    up to {design.rms_held_up_to_ns / 1e6:g} ms"
     for table, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
         yield f"  jitter            {rms_m:.4g} m at {table.mean_ms:g} ± {table.spread_ms:g} ms"
-    for reason in design.reasons:
-        yield from reason_lines(reason, judgement.objective)
     yield from written_lines(files, design.found.ended)
 
 

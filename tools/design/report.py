@@ -1,7 +1,7 @@
 """Report of a design: its preset, the reasons for its values in words, and a picture.
 
-A preset is settings below comments with what was measured. The picture has the region of the gains,
-the RMS over the delay, the sensitivity, and the stable delays.
+A preset is settings below comments with what was measured. The picture has the region of the gains
+and the RMS over the delay.
 """
 # ruff: noqa: RUF001  # σ is the paper's symbol
 
@@ -18,20 +18,17 @@ from ...closed_loop.parameter_space.gain_boundaries import Window
 from ...closed_loop.parameter_space.gain_regions import sampled_region
 from ...closed_loop.parameter_space.region_pictures import GAIN_LABELS, draw_curves, fill_region
 from ...closed_loop.reports.plot_style import LINES
-from ...controller.analysis.sampled_loop import SampledLoop
-from ...controller.laws.law_from_settings import design_law, required
+from ...controller.laws.law_from_settings import required
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.path.settings import PathSettings
-from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.node import NS_PER_MS
 from ...runtime.output_file import write_text
 from ...runtime.settings import Settings
 from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand, Judgement
-from .law_design import NUMBER_UNITS, Design, Reason, failed, failure
-from .loop_figures import behind_lag, frequency_grid, law_response, sensitivity_size
+from .law_design import NUMBER_UNITS, Design, failure
 from .predictor_design import PredictorDesign
-from .search.law_parameters import SETTINGS_KEYS
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
 
@@ -49,13 +46,8 @@ _JUDGED_LAST = ("RMS error", "steer")
 """Of what is judged only where all else is nearly met."""
 _NOISE_M = 0.02
 _LABEL_WIDTH = 18
-_UNITS = {"k_p": "rad/m", "k_d": "rad s/m", "k_i": "rad/(m s)", "k_heading": "rad/rad"}
-_POINTS = 800
-_OMEGA_RAD_S_MIN = 0.05
-_DELAYS_DRAWN = 60
+UNITS = {"k_p": "rad/m", "k_d": "rad s/m", "k_i": "rad/(m s)", "k_heading": "rad/rad"}
 _CORNERS_NAMED_MAX = 4
-_WIDTHS = (0.9, 2.2)
-"""Without and with the longest delay, or the actuator's lag; dashes are those of the corner."""
 
 
 def preset_text(
@@ -266,23 +258,6 @@ def _limited(demand: Demand, unit: str) -> str:
     return f"{demand.value:.3g}{unit}, limit {demand.limit:g}"
 
 
-def outcome(judgement: Judgement, now: float) -> str:
-    """Return the effect of a moved parameter on the objective, and the demands it violates."""
-    breaks = "; ".join(failed(judgement))
-    if judgement.objective == float("inf"):
-        return breaks
-    change = f"{100.0 * (judgement.objective / now - 1.0):+.1f} %"
-    return f"{change}, but {breaks}" if breaks else change
-
-
-def reason_lines(found: Reason, now: float) -> Iterator[str]:
-    """Yield the lines of one parameter; ``now`` is the objective it has."""
-    unit = _UNITS.get(found.key, "rad/s")
-    yield f"  {SETTINGS_KEYS[found.key]} = {found.value:g} {unit}"
-    for label, moved in (("10 % less", found.down), ("10 % more", found.up)):
-        yield f"      {label}: {outcome(moved, now)}"
-
-
 def demand_lines(judgement: Judgement) -> Iterator[str]:
     """Yield one line for each demand that is a number."""
     for demand in judgement.demands:
@@ -295,14 +270,12 @@ def demand_lines(judgement: Judgement) -> Iterator[str]:
 
 
 def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Figure:
-    """Draw the four panels."""
-    figure = Figure(figsize=(12.0, 9.0))
-    (region, rms), (sensitivity, stable) = figure.subplots(2, 2)
+    """Draw both panels."""
+    figure = Figure(figsize=(12.0, 4.8))
+    region, rms = figure.subplots(1, 2)
     _draw_region(region, spec, vehicle, design)
     _draw_rms(rms, spec, vehicle, design)
-    _draw_sensitivity(sensitivity, spec, vehicle, design)
-    _draw_decay(stable, spec, vehicle, design)
-    values = ", ".join(f"{reason.key} {reason.value:g}" for reason in design.reasons)
+    values = ", ".join(f"{key} {value:g}" for key, value in design.found.values.items())
     figure.suptitle(f"{spec.name}_{design.law}: {values}", fontsize=10.0, color="0.35")
     return figure
 
@@ -337,58 +310,11 @@ def _draw_rms(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Des
     highest_mm = 1e3 * max(float(design.rms.rms_m[:, inside].max()), largest_m or 0.0)
     if largest_m is not None:
         axes.axhline(1e3 * largest_m, color="black", lw=0.9, ls="--", label="limit")
-    _shade_range(axes, spec)
+    axes.axvspan(0.0, spec.delay.ms_max, color="0.93", zorder=0.0)
     axes.set(xlabel="constant delay [ms]", ylabel="RMS of the lateral error [mm]")
     axes.set(ylim=(0.0, 1.5 * highest_mm), xlim=(0.0, delay_ms[-1]))
     axes.set_title("Tracking", fontsize=10)
     axes.legend(fontsize=8)
-
-
-def _draw_sensitivity(
-    axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design
-) -> None:
-    ends_ns = (0, spec.delays_ns[-1])
-    grid = frequency_grid(vehicle.models, ends_ns, spec.period_ns, _POINTS)
-    law = law_response(design_law(design.settings), grid.z)
-    size = sensitivity_size(grid, law)
-    omega_rad_s = grid.angle_rad * NS_PER_S / spec.period_ns
-    for place, (width, label) in enumerate(
-        zip(_WIDTHS, ("no delay", f"{spec.delay.ms_max:g} ms"), strict=True)
-    ):
-        for line, of_vertex in zip(LINES(), size[:, place], strict=False):
-            axes.loglog(omega_rad_s, of_vertex, **line, lw=width)
-        axes.plot([], [], "-", color="black", lw=width, label=label)
-    axes.axhline(spec.peak_sensitivity_max, color="black", lw=0.9, ls="--", label="limit")
-    axes.set(xlabel="ω [rad/s]", ylabel="|1/(1 + L)|", ylim=(1e-3, 2.0 * spec.peak_sensitivity_max))
-    axes.set_xlim(_OMEGA_RAD_S_MIN, omega_rad_s[-1])
-    axes.set_title("Sensitivity", fontsize=10)
-    axes.legend(fontsize=8)
-
-
-def _draw_decay(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design) -> None:
-    law = design_law(design.settings)
-    last_ns = round(1.15 * max(design.rms.delays_ns[-1], spec.margin_delays_ns[-1]))
-    delays_ns = np.linspace(0, last_ns, _DELAYS_DRAWN).astype(int)
-    lags_s = [0.0] if spec.actuator is None else [0.0, spec.actuator.lag_s]
-    for lag_s, width in zip(lags_s, _WIDTHS, strict=False):
-        for line, model in zip(LINES(), vehicle.models, strict=False):
-            loop = SampledLoop(law, behind_lag(model, lag_s), spec.period_ns)
-            decay = [loop.decay_1_s(int(delay_ns)) for delay_ns in delays_ns]
-            axes.plot(delays_ns / NS_PER_MS, decay, **line, lw=width)
-        label = f"actuator lag {lag_s:g} s" if lag_s else "no actuator lag"
-        axes.plot([], [], "-", color="black", lw=width, label=label)
-    settling_1_s = spec.d_stability.settling_1_s
-    axes.axhline(settling_1_s, color="black", lw=0.9, ls=":", label=f"σ = {settling_1_s:g} 1/s")
-    axes.axhline(0.0, color="black", lw=0.9)
-    _shade_range(axes, spec)
-    axes.set(xlabel="constant delay [ms]", ylabel="decay of the slowest mode [1/s]")
-    axes.set(xlim=(0.0, last_ns / NS_PER_MS), ylim=(-1.5 * settling_1_s, 2.5 * settling_1_s))
-    axes.set_title("Stable delays: above zero", fontsize=10)
-    axes.legend(fontsize=8, loc="lower left")
-
-
-def _shade_range(axes: Axes, spec: Specification) -> None:
-    axes.axvspan(0.0, spec.delay.ms_max, color="0.93", zorder=0.0)
 
 
 def _labels(vehicle: VehicleFile) -> list[str | None]:

@@ -2,29 +2,25 @@
 
     steer-by-wire monitor -i socketcan -c vcan0
 
-Ctrl-C ends it. Without a terminal it prints one line a second. With --foxglove it also serves every
-message to Foxglove, live. ``cockpit --allow-control`` changes the latency that the plant injects.
+Ctrl-C ends it. Without a terminal it prints one line a second. ``cockpit --allow-control`` changes
+the latency that the plant injects.
 """
 
 import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from functools import partial
 
 from rich.console import Console, Group
 from rich.live import Live
 
-from steer_by_wire.closed_loop.recordings.bus_listener import Taken
-from steer_by_wire.closed_loop.recordings.foxglove_topics import FoxgloveTopics
 from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
-from steer_by_wire.dbc.listening import Listening
-from steer_by_wire.runtime.command_line import command_parser, run_main, say, whole_number
+from steer_by_wire.runtime.command_line import command_parser, run_main, say
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.port import ClosablePort, open_port
@@ -41,31 +37,10 @@ _FRAMES_PER_TURN_MAX = 1000
 """A flood must not keep the monitor from drawing."""
 
 
-class ServedWatch(BusWatch):
-    """A watch whose messages go to Foxglove too."""
-
-    def __init__(self, start_ns: int, listening: Listening, topics: FoxgloveTopics) -> None:
-        super().__init__(start_ns, listening)
-        self._topics = topics
-        # Times on the bus are monotonic, those of Foxglove count from 1970.
-        self._epoch_ns = time.time_ns() - time.monotonic_ns()
-
-    def on_frame(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> Taken:
-        """Take a frame that arrived at ``now_ns``, and pass on the messages that it brings."""
-        taken = super().on_frame(frame, now_ns, has_time=has_time)
-        for received in taken.messages:
-            self._topics.send(received, self._epoch_ns + now_ns)
-        return taken
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10")
     parser.add_argument("--duration", type=float, metavar="SECONDS", help="end after this time")
-    parser.add_argument(
-        "--foxglove", type=whole_number(0, 65_535), metavar="PORT",
-        help="serve the messages to Foxglove on this port of 127.0.0.1; 0: any free port",
-    )  # fmt: skip
     add_dialect_argument(parser, "read the messages of a car")
     add_bus_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
@@ -82,10 +57,6 @@ def _run(options: argparse.Namespace) -> int:
         if options.duration is not None:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         watch = BusWatch(start_ns, listening)
-        if options.foxglove is not None:
-            topics = stack.enter_context(closing(FoxgloveTopics()))
-            say(NAME, f"Foxglove: open a connection to {topics.serve(options.foxglove)}")
-            watch = ServedWatch(start_ns, listening, topics)
         if sys.stdout.isatty():
             _show(opened.port, opened.description, watch, stop)
         else:

@@ -1,4 +1,4 @@
-"""From a view to lines of text: 22 of them, as wide as the terminal, 80 columns at least."""
+"""From a view to lines of text: 21 of them, as wide as the terminal, 80 columns at least."""
 
 import math
 
@@ -164,7 +164,6 @@ def _latency(view: View, strip_width: int, blocks: str) -> list[Text]:
         ("commands", plant and plant.downlink_latency_s, "downlink_s", "latency, the plant's word"),
         ("measurements", plant and plant.uplink_latency_s, "uplink_s", "latency, the plant's word"),
         ("round trip", _newest(view, "round_trip_s"), "round_trip_s", _figures(view.round_trip)),
-        ("lateness", _newest(view, "lateness_s"), "lateness_s", _figures(view.lateness)),
     )
     return [
         _pair(

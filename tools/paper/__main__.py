@@ -55,10 +55,10 @@ def _figure(number: int, module: str) -> Entry:
 ENTRIES = (
     _figure(7, "parameter_space_figures"),
     _figure(8, "parameter_space_figures"),
-    _figure(9, "uncertainty_figure"),
+    _figure(9, "small_gain_figures"),
     _figure(10, "frequency_figures"),
     _figure(11, "frequency_figures"),
-    _figure(12, "network_figure"),
+    _figure(12, "small_gain_figures"),
     *(_figure(number, "dob_figures") for number in range(16, 21)),
     Entry("table_2", "table", "2", "table_2", "table_2"),
     *(_figure(number, "delay_figures") for number in range(21, 25)),

@@ -51,7 +51,6 @@ class Followed(NamedTuple):
     time_s: FloatArray
     error_m: FloatArray
     steer_rad: FloatArray
-    steer_rate_rad_s: FloatArray
 
 
 def follow(controller: ControllerSettings, delay_s: float) -> Followed:
@@ -80,13 +79,12 @@ def follow(controller: ControllerSettings, delay_s: float) -> Followed:
         if cdob is not None and x_cdob is not None:
             x_cdob, feedback_m, _ = cdob_step(cdob, x_cdob, y_m, demand_sent_rad)
         x_pd, demand_rad = pd_step(pd, x_pd, feedback_m - wanted_m)
-        before_rad = steer_rad
         steer_rad = limit_step(limits, steer_rad, demand_rad - disturbance_rad)
-        rows.append((wanted_m - y_m, steer_rad, (steer_rad - before_rad) / period_s))
+        rows.append((wanted_m - y_m, steer_rad))
         on_their_way.append(steer_rad)
         x = a @ x + b * on_their_way.popleft()
-    error_m, sent_rad, rate_rad_s = np.array(rows, dtype=np.float64).T
-    return Followed(np.asarray(time_s, dtype=np.float64), error_m, sent_rad, rate_rad_s)
+    error_m, sent_rad = np.array(rows, dtype=np.float64).T
+    return Followed(np.asarray(time_s, dtype=np.float64), error_m, sent_rad)
 
 
 def _sampled(model: TransferFunction, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -125,8 +123,6 @@ class Quantity(NamedTuple):
 
 ERROR = Quantity("error", "m", "error_m")
 STEER = Quantity("steer", "rad", "steer_rad")
-STEER_RATE = Quantity("steering rate", "rad/s", "steer_rate_rad_s")
-"""What "speed" in Figure 24 may be."""
 
 
 def smaller(statement: str, quantity: Quantity, laws: tuple[Law, Law]) -> list[Comparison]:

@@ -81,7 +81,6 @@ def table_2() -> Reproduction:
         _mass_trend("C_r = 500,000 N/rad", pd[0], pd[1]),
         _mass_trend("C_r = 50,000 N/rad", pd[0], pd[2]),
         *_comparisons(dob),
-        _reduction(pd, dob),
         _is_reduced(pd[1], dob[1]),
     )
     return Reproduction(
@@ -137,20 +136,6 @@ def _mass_trend(label: str, theirs: Row, ours: Row) -> Comparison:
 def _mass_changes_m(row: Row) -> tuple[float, float]:
     a, b, c, d = row.rms_m
     return b - a, d - c
-
-
-def _reduction(pd: Sequence[Row], dob: Sequence[Row]) -> Comparison:
-    """Compare which share of the PD's error the DOB leaves; (published, C_r = 500,000)."""
-    theirs, ours = (
-        [with_dob / without for with_dob, without in zip(dob[i].rms_m, pd[i].rms_m, strict=True)]
-        for i in (0, 1)
-    )
-    return Comparison(
-        "RMS with DOB as a share of the RMS without",
-        " ".join(f"{100.0 * share:.0f}" for share in theirs) + " %",
-        " ".join(f"{100.0 * share:.1f}" for share in ours) + " %",
-        False,
-    )
 
 
 def _is_reduced(pd: Row, dob: Row) -> Comparison:

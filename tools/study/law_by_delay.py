@@ -7,11 +7,10 @@ followed point is the one that the law holds on the path: the preview point, or 
 gravity (CG) where the settings say so.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
@@ -27,9 +26,8 @@ CONDITIONS_MAX = 24
 """More tables than these would not be read."""
 SHOWN_MAX = 8
 """Delays in a table; those between are in the picture."""
-PANELS_MAX = 6
 CURVES_MAX = 8
-"""Laws in a picture; more go into further ones."""
+"""Laws in the picture; ``[report]`` of the study chooses them."""
 _VEHICLE = "plant.vehicle."
 _TOP_M = 3.0
 """Largest error drawn."""
@@ -184,13 +182,6 @@ def _peak(found: LawByDelay, place: tuple[int, int, int]) -> str:
     return f"{found.peak_m[place]:.2f} / {found.cg_peak_m[place]:.2f}"
 
 
-def portions(names: Sequence[str]) -> Iterator[tuple[str, Sequence[str]]]:
-    """Yield the laws of each picture, behind the end of its name, empty where one is enough."""
-    for first in range(0, len(names), CURVES_MAX):
-        end = f"_{1 + first // CURVES_MAX}" if len(names) > CURVES_MAX else ""
-        yield end, names[first : first + CURVES_MAX]
-
-
 def draw_error_over_delay(found: LawByDelay, names: Sequence[str]) -> Figure:
     """Draw some laws under the first condition, and the delay at which each breaks."""
     figure = Figure(figsize=(9.0, 4.8))
@@ -199,12 +190,15 @@ def draw_error_over_delay(found: LawByDelay, names: Sequence[str]) -> Figure:
         law = found.controllers.index(name)
         breaks_ms = found.breaks_at_ms(0, law)
         fate = "holds throughout" if breaks_ms is None else f"breaks at {breaks_ms:g} ms"
-        _draw_law(axes, found, (0, law), style, f"{name}: {fate}")
+        errors_mm = 1e3 * np.minimum(found.settled_m[0, law], _TOP_M)
+        axes.plot(found.delays_ms, errors_mm, lw=1.8, label=f"{name}: {fate}", **style)
         if breaks_ms is not None:
             place = found.delays_ms.index(breaks_ms)
             error_mm = 1e3 * min(found.settled_m[0, law, place], _TOP_M)
             axes.plot(breaks_ms, error_mm, "x", color=style["color"], ms=11, mew=2.5)
-    _scale_errors(axes)
+    axes.set_yscale("log")
+    for formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        formatter(LogFormatter(labelOnlyBase=False))  # plain numbers, in less than a decade too
     axes.set(
         xlabel="mean delay [ms]",
         ylabel=f"RMS error from {SETTLED_S:g} s on, worst [mm]",
@@ -213,37 +207,3 @@ def draw_error_over_delay(found: LawByDelay, names: Sequence[str]) -> Figure:
     axes.set_title(f"Which delay each law tolerates: {found.conditions[0]}")
     figure.legend(loc="outside lower center", ncols=2)
     return figure
-
-
-def draw_conditions(found: LawByDelay, names: Sequence[str]) -> Figure:
-    """Draw some laws, one panel a condition."""
-    count = min(len(found.conditions), PANELS_MAX)
-    lines = -(-count // 2)
-    figure = Figure(figsize=(12.0, 3.6 * lines + 1.6))
-    panels = figure.subplots(lines, 2, sharex=True, sharey=True, squeeze=False).ravel()
-    for condition, panel in enumerate(panels[:count]):
-        for name, style in zip(names, LINES, strict=False):
-            _draw_law(panel, found, (condition, found.controllers.index(name)), style, name)
-        _scale_errors(panel)
-        panel.set(title=found.conditions[condition], xlabel="mean delay [ms]")
-        panel.tick_params(which="both", labelbottom=True, labelleft=True)
-    for panel in panels[::2]:
-        panel.set_ylabel(f"worst RMS from {SETTLED_S:g} s on [mm]")
-    for panel in panels[count:]:
-        panel.set_axis_off()
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
-
-
-def _scale_errors(axes: Axes) -> None:
-    """Let errors grow by factors, with plain numbers next to them, in less than a decade too."""
-    axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(LogFormatter())
-    axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
-
-
-def _draw_law(
-    axes: Axes, found: LawByDelay, place: tuple[int, int], style: Mapping[str, Any], label: str
-) -> None:
-    errors_mm = 1e3 * np.minimum(found.settled_m[place], _TOP_M)
-    axes.plot(found.delays_ms, errors_mm, lw=1.8, label=label, **style)

@@ -4,10 +4,18 @@ import argparse
 import importlib
 import time
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from ...closed_loop.reports.terminal import plain_console
 from ...closed_loop.studies.compiled_figures import short_windows
@@ -95,30 +103,19 @@ def _compute(
     if before:
         console.print(f"stored already: {before:,} runs in {store.folder}")
     begin_s = time.monotonic()
-    columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
+    columns = (
+        *(TextColumn("{task.description}"), BarColumn(40), MofNCompleteColumn()),
+        *(TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()),
+    )
     with Progress(*columns, console=console) as progress:
-        task = progress.add_task(f"runs on {workers.description}", total=runs, text="")
-        progress.update(task, completed=before)
-        done = 0
-
-        def on_progress(further: int) -> None:
-            nonlocal done
-            done += further
-            rate = done / (time.monotonic() - begin_s)
-            left = _duration((runs - before - done) / rate)
-            text = f"{before + done:,} of {runs:,}, {_per_s(rate)} a second, {left} left"
-            progress.update(task, completed=before + done, text=text)
-
-        is_complete = run_missing(store, workers, on_progress, stop)
+        what = f"runs on {workers.description}"
+        task = progress.add_task(what, total=runs, completed=before)
+        is_complete = run_missing(store, workers, partial(progress.advance, task), stop)
+        done = int(progress.tasks[0].completed) - before
     elapsed_s = time.monotonic() - begin_s
     if done:
-        rate = _per_s(done / elapsed_s)
-        console.print(f"{done:,} runs in {_duration(elapsed_s)}: {rate} a second")
+        console.print(f"{done:,} runs in {elapsed_s:,.1f} s")
     return is_complete
-
-
-def _per_s(rate: float) -> str:
-    return f"{rate:,.0f}" if rate >= 10.0 else f"{rate:.2g}"
 
 
 def _replay(run: int, console: Console, store: Store, computer: Computer) -> int:
@@ -144,12 +141,3 @@ def _report(console: Console, folder: Path) -> None:
         console.print(f"report: skipped: {error}")
         return
     console.print(f"report: {page}")
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90.0:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 90:
-        return f"{minutes} min {rest:02d} s"
-    return f"{minutes // 60} h {minutes % 60:02d} min"

@@ -7,21 +7,21 @@ run of a study with a bus is repeated on that bus.
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...closed_loop.pair.pair_result import BUS, PairFiles, Trace
-from ...closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
-from ...closed_loop.studies.compiled_figures import COLUMNS, COUNTS, Figures, rules_of, verdict_of
+from ...closed_loop.pair.pair_result import BUS, PairFiles
+from ...closed_loop.studies.compiled_figures import COLUMNS, COUNTS, Figures, verdict_of
 from ...closed_loop.studies.compiled_runs import Computer
-from ...closed_loop.studies.node_runs import TICKS_MAX, figures_of_trace, followed_error_m
+from ...closed_loop.studies.node_runs import run_on_nodes
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.scenario import Pair
 from ...dbc.bus_language import read_language
-from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
+from ...plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules, end_of
+from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 
 
@@ -30,7 +30,7 @@ class Replay(NamedTuple):
 
     ``stored``    the row; None where the study has not reached it yet
     ``expected``  what the nodes have to reproduce: the row, or the figures of a new run
-    ``nodes``     figures of the nodes; empty where there was nothing to run
+    ``nodes``     figures of the nodes; without counts where the run ended early
     """
 
     pair: Pair
@@ -48,22 +48,32 @@ class Replay(NamedTuple):
 
 def replay(store: Store, computer: Computer, run: int) -> Replay:
     """Repeat run number ``run``; raises SettingsError where there is none of this number."""
-    scenarios = computer.scenarios
-    study = scenarios.study
+    study = computer.scenarios.study
+    rules = study.settings.verdict
     if not 0 <= run < study.runs:
         raise SettingsError(f"--replay {run}: the study has runs 0 to {study.runs - 1}")
-    pair = scenarios.pair(run)
+    pair = computer.scenarios.pair(run)
     files = PairFiles(store.folder / "replay" / str(run))
     others = [*read_language(pair.dialect).files, *map(Path, pair.command)]
     files.write_settings(pair.plant, pair.controller, pair.bus, others)
     stored = store.find(run)
-    if pair.bus is not None:
-        nodes = _computed(computer, pair)
-        return Replay(pair, files, stored, stored or nodes, nodes)
-    expected = stored or _computed(computer, pair)
-    end = RunEnd(expected["ended_by"])
-    nodes = {} if end is RunEnd.NO_START else _virtual(pair, study.settings.verdict, expected, end)
+    expected = stored or _row(rules, lambda row: computer.run(pair, row))
+    is_whole = expected["ended_by"] == RunEnd.COMPLETE
+    commands_max = None if is_whole or pair.bus else expected["commands_sent"]
+    nodes = _row(rules, lambda row: run_on_nodes(pair, pair.bus, rules, row, commands_max))
+    if not is_whole:  # a compiled run ends where the nodes go on
+        nodes = {name: value for name, value in nodes.items() if name not in COUNTS}
     return Replay(pair, files, stored, expected, nodes)
+
+
+def _row(rules: VerdictRules, run: Callable[[FloatArray], RunEnd]) -> dict[str, Any]:
+    """Return what a study stores of a run that writes its figures into a row."""
+    row = np.full(len(COLUMNS), np.nan)
+    end = run(row)
+    end = end_of(end, row[COLUMNS.index("duration_s")])
+    values: dict[str, Any] = dict(zip(COLUMNS, row.tolist(), strict=True))
+    values |= {name: int(values[name]) for name in COUNTS}
+    return {"ended_by": str(end), **values, "verdict": str(verdict_of(rules, end, row))}
 
 
 def commands(pair: Pair, files: PairFiles) -> list[str]:
@@ -82,42 +92,6 @@ def commands(pair: Pair, files: PairFiles) -> list[str]:
         f"steer-by-wire plant {plant} --interface socketcan --channel vcan0 & "
         f"steer-by-wire controller {controller} --interface socketcan --channel vcan0",
     ]
-
-
-def _computed(computer: Computer, pair: Pair) -> dict[str, Any]:
-    """Return what the study stores of a run."""
-    row = np.full(len(COLUMNS), np.nan)
-    end = computer.run(pair, row)
-    values: dict[str, Any] = dict(zip(COLUMNS, row.tolist(), strict=True))
-    values |= {name: int(values[name]) for name in COUNTS}
-    verdict = verdict_of(computer.scenarios.study.settings.verdict, end, row)
-    return {"ended_by": str(end), **values, "verdict": str(verdict)}
-
-
-def _virtual(
-    pair: Pair, judged_by: VerdictRules, expected: Mapping[str, Any], end: RunEnd
-) -> dict[str, Any]:
-    """Return the figures of the two nodes, up to where the compiled run ended."""
-    made = make_virtual_pair(pair.plant, pair.controller, controller_samples_max=TICKS_MAX)
-    plant, controller = made.plant, made.controller
-    samples, is_complete = expected["samples"], end is RunEnd.COMPLETE
-    run_virtual_nodes(
-        *(made.edge, controller, None, None),
-        lambda: not is_complete and len(plant.samples) > samples > 0,
-    )
-    commands_rad = [sample.sent_steer_rad for sample in controller.samples]
-    sent_rad = np.array(commands_rad[: expected["commands_sent"]])
-    rules, trace = rules_of(judged_by, pair.plant, pair.controller), Trace.of_node(plant)
-    followed_m = followed_error_m(plant.path, trace, rules.behind_preview_m)
-    figures = figures_of_trace(rules, pair.plant, trace, followed_m, samples, sent_rad)
-    found = {**figures._asdict(), "verdict": str(verdict_of(judged_by, end, np.array(figures)))}
-    if is_complete:
-        report = plant.report()
-        found["samples"] = len(plant.samples)
-        found["commands_sent"] = len(controller.samples)
-        found["downlink_lost"] = report["downlink"]["lost"]
-        found["uplink_lost"] = report["uplink"]["lost"]
-    return found
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,18 +26,11 @@ from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.output_file import write_file, write_text
 from ...runtime.settings import Settings
-from .against_pd import comparison_section, comparisons
+from .against_pd import comparison_section
 from .axes import StudyAxes, study_axes
 from .fault_reactions import reaction_sections
 from .heat_maps import are_drawn, draw_held, draw_rms, heat_maps, map_section
-from .law_by_delay import (
-    draw_conditions,
-    draw_error_over_delay,
-    law_by_delay,
-    law_section,
-    portions,
-)
-from .quantiles_over_seeds import seeds_section
+from .law_by_delay import CURVES_MAX, draw_error_over_delay, law_by_delay, law_section
 from .worst_runs import worst_section
 
 PAGE = "report.html"
@@ -54,11 +46,10 @@ def write(folder: Path) -> Path:
     axes = study_axes(study, rows)
     sections = [
         study_section(study, rows),
-        *filter(None, (seeds_section(study, rows),)),
         *reaction_sections(study, rows),
         *_laws(study, rows, axes),
         *_maps(study, rows, axes),
-        comparison_section(study, comparisons(study, rows)),
+        comparison_section(study, rows),
         worst_section(study, rows),
     ]
     file = folder / PAGE
@@ -72,17 +63,9 @@ def _laws(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
     found = law_by_delay(study, rows, axes)
     if found is None:
         return []
-    drawn = study.report.error_over_delay or found.controllers
-    pictures = [
-        _save(study, f"error_over_delay{end}", partial(draw_error_over_delay, found, names))
-        for end, names in portions(drawn)
-    ]
-    if len(found.conditions) > 1:  # else it would be the same picture
-        pictures += [
-            _save(study, f"law_by_delay{end}", partial(draw_conditions, found, names))
-            for end, names in portions(found.controllers)
-        ]
-    return [law_section(found, pictures)]
+    names = (study.report.error_over_delay or found.controllers)[:CURVES_MAX]
+    picture = _save(study, "error_over_delay", lambda: draw_error_over_delay(found, names))
+    return [law_section(found, [picture])]
 
 
 def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:

@@ -1,25 +1,19 @@
 """Files that the analysis of a log leaves: tables for other programs, and its report."""
 
 import csv
-import json
 import re
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
 
-from steer_by_wire.closed_loop.recordings.bus_listener import ReceivedMessage
-from steer_by_wire.closed_loop.recordings.foxglove_topics import FoxgloveTopics
 from steer_by_wire.closed_loop.reports.plot_style import png_of
-from steer_by_wire.dbc.messages import LateralError, Mode, encode
-from steer_by_wire.runtime.command_line import installation
+from steer_by_wire.dbc.messages import LateralError, encode
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze import pictures
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.frames.made_messages import command_of, message_with
-from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import Run, write_log, written
 from tests.support.runs.logged_run import constant as constant
 from tests.support.runs.logged_run import varying as varying
@@ -27,10 +21,6 @@ from tests.support.suite.curves import alike_without_colour
 from tests.support.suite.unrendered import unrendered as unrendered
 
 Capture = pytest.CaptureFixture[str]
-NEEDS_MCAP = pytest.mark.skipif(
-    find_spec("foxglove") is None or find_spec("mcap") is None,
-    reason="foxglove-sdk or mcap is not installed (the extras logs and dev)",
-)
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -66,51 +56,6 @@ def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
     assert [row["steering_command.mode"] for row in rows] == ["1", "1", "1"]
     assert [row["lateral_error.lateral_error_m"] for row in rows] == ["", "-0.250000", "-0.250000"]
     assert all(row["plant_status.lost"] == "" for row in rows)
-
-
-@pytest.mark.usefixtures("unrendered")
-@NEEDS_MCAP
-def test_mcap_holds_every_message_with_its_time_schema_and_names(
-    varying: Run, tmp_path: Path
-) -> None:
-    from mcap.reader import make_reader
-
-    figures = written(tmp_path / "out", varying.log, "--mcap")
-    counts: dict[str, int] = {}
-    with (tmp_path / "out" / "run" / "signals.mcap").open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            assert schema is not None
-            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
-            assert channel.topic == f"/{schema.name}"
-            content = json.loads(message.data)
-            properties = json.loads(schema.data)["properties"]
-            assert set(content) == set(properties)
-            if schema.name == "STEERING_COMMAND":
-                assert content["mode_name"] == Mode(content["mode"]).name
-            counts[schema.name] = counts.get(schema.name, 0) + 1
-            last_ns = message.log_time
-    accepted = {name: m["accepted"] for name, m in figures["messages"].items() if m["accepted"]}
-    assert counts == accepted
-    assert last_ns <= entries_in(varying.log)[-1].time_ns
-
-
-@NEEDS_MCAP
-def test_a_full_disk_ends_a_file_for_foxglove_with_its_name() -> None:
-    topics = FoxgloveTopics()
-    topics.write_to(Path("/dev/full"))
-    for counter in range(20_000):
-        command = command_of(1e-5 * counter, counter)
-        topics.send(ReceivedMessage("STEERING_COMMAND", command, 0, False, 0), counter)
-    with pytest.raises(OSError, match="/dev/full"):
-        topics.close()
-
-
-def test_a_missing_library_is_one_clear_line_that_names_the_extra(
-    constant: Run, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "foxglove", None)
-    assert main([str(constant.log), "--out", str(tmp_path), "--mcap"]) == ExitStatus.SETTINGS
-    assert installation("foxglove") in capsys.readouterr().err
 
 
 def test_the_report_needs_nothing_but_itself(

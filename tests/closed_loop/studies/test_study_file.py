@@ -26,7 +26,6 @@ from steer_by_wire.closed_loop.studies.study_file import (
     Normal,
     SamplingKind,
     SamplingSettings,
-    Triangular,
     Uniform,
 )
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict, VerdictRules
@@ -222,7 +221,6 @@ def test_distributions_have_the_moments_their_formulas_say() -> None:
     cases: dict[DistributionSettings, tuple[float, float | None]] = {
         Uniform(kind="uniform", low=1.0, high=3.0): (2.0, 2.0 / np.sqrt(12.0)),
         LogUniform(kind="log_uniform", low=1.0, high=np.e): (np.e - 1.0, None),
-        Triangular(kind="triangular", low=0.0, mode=1.0, high=5.0): (2.0, np.sqrt(21.0 / 18.0)),
         Normal(kind="normal", mean=2.0, spread=0.5): (2.0, 0.5),
         Normal(kind="normal", mean=2.0, spread=0.5, low=1.5, high=2.5): (2.0, None),
     }

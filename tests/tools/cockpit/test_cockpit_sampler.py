@@ -89,7 +89,6 @@ def test_the_round_trip_has_the_latency_and_the_wait_for_the_sample(log: Path) -
     assert 0.08 <= row["round_trip_s"] < 0.1
     assert row["downlink_s"] == pytest.approx(0.08, abs=5e-4)
     assert row["uplink_s"] == 0.0
-    assert row["lateness_s"] < 0.001
 
 
 def test_what_is_silent_is_absent(log: Path) -> None:
@@ -220,14 +219,12 @@ def test_what_was_read_late_lights_up_for_a_while_and_no_time_is_measured_from_i
         row = signals(sampler, end_ns)
         assert not row["round_trip_s"] < 0.08 - TIMED_NS / NS
         if is_late:
-            assert math.isnan(row["lateness_s"])
             light = next(one for one in sampler.lights(end_ns) if one.name == "Machine")
             assert (light.level, light.state) == ("bad", "TOO_SLOW")
             assert light.cause.startswith("frames were read up to ")
         if entry.time_ns > 9.5 * NS:
             break
     assert row["round_trip_s"] < 0.1
-    assert row["lateness_s"] < 0.001
     assert {light.level for light in sampler.lights(end_ns)} == {"good"}
 
 

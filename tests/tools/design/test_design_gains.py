@@ -22,17 +22,16 @@ from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
 from steer_by_wire.tools.design import predictor_design
 from steer_by_wire.tools.design.demands import Demand, Judgement, judge_law, make_study
-from steer_by_wire.tools.design.law_design import Design, Reason, design, failed
+from steer_by_wire.tools.design.law_design import Design, design, failed
 from steer_by_wire.tools.design.program import linear_laws
-from steer_by_wire.tools.design.report import preset_text, reason_lines
-from steer_by_wire.tools.design.search import parameter_search
+from steer_by_wire.tools.design.report import preset_text
 from steer_by_wire.tools.design.search.evolution import (
     Search,
     SearchStoppedError,
     Values,
 )
 from steer_by_wire.tools.design.search.law_parameters import bounds, controller_settings
-from steer_by_wire.tools.design.search.parameter_search import cost, find, is_possible
+from steer_by_wire.tools.design.search.parameter_search import cost, find
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.support.loops.shipped_design import (
@@ -129,16 +128,6 @@ def test_a_demand_left_out_keeps_no_law_from_its_runs(tmp_path: Path) -> None:
     assert 0 < len(missed) < 4
     assert math.isinf(judged("settling").objective)
     assert math.isfinite(judged("settling", *missed).objective)
-
-
-@pytest.mark.parametrize(("violation", "expected"), [(0.3, False), (0.0, True)])
-def test_a_design_is_possible_where_any_parameters_meet_all_demands(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, violation: float, expected: bool
-) -> None:
-    study = make_study(small_spec(tmp_path), shipped_vehicle(), fine=False)
-    judged = Judgement(0.01, violation, ())
-    monkeypatch.setattr(parameter_search, "judge_law", lambda *_: judged)
-    assert is_possible(study, "pd", nobody) is expected
 
 
 def test_a_known_design_takes_the_place_of_the_first_start(
@@ -239,7 +228,7 @@ def test_a_law_that_fails_its_demands_is_refused_and_its_best_kept_as_unmet(
     printed, error = capsys.readouterr()
     assert status == 1
     assert re.search(
-        r"pd\.proportional_gain_rad_m = .*; without one of .*: RMS error$",
+        r"pd\.proportional_gain_rad_m = .*\) fails: RMS error .* above 0.001 m",
         error,
         re.MULTILINE,
     )
@@ -329,13 +318,11 @@ def test_a_specification_asks_for_the_heading_gain_of_a_pid(tmp_path: Path) -> N
     settings = controller_settings(spec, shipped_vehicle(), "pid_heading", values)
     assert settings.law == "pid"
     assert settings.table_of(PidSettings).heading_gain_rad_rad == 0.8
-    lines = reason_lines(Reason("k_heading", 0.8, judged, judged), judged.objective)
-    assert next(iter(lines)) == "  pid.heading_gain_rad_rad = 0.8 rad/rad"
     assert linear_laws(small_spec(tmp_path, 'laws=["pid"]')) == ["pid"]
 
 
 @pytest.mark.usefixtures("same_process")
-def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
+def test_the_program_leaves_a_preset_and_a_picture(
     designed: Design, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spec = small_spec(tmp_path)
@@ -359,7 +346,6 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
     assert settings.law == "pd"
     assert (pictures / "small_pd.png").stat().st_size > 20_000
     assert "pd.proportional_gain_rad_m = " in printed.out
-    assert printed.out.count("10 % less: ") == printed.out.count("10 % more: ") == 3
     assert "12 runs: RMS at most" in printed.out
     rig = load_settings(PlantSettings, None, pictures / "small_plant.toml")
     assert rig.vehicle == VehicleSettings(**shipped_vehicle().vehicle.vehicle._asdict())

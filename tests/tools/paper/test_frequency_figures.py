@@ -3,24 +3,21 @@
 import math
 
 import numpy as np
-import pytest
 
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.tools.paper.corners import CORNERS, published_law
-from steer_by_wire.tools.paper.figures import uncertainty_figure
 from steer_by_wire.tools.paper.figures.frequency_figures import (
     corner_spreads,
     figure_10,
     figure_11,
-    help_ends_rad_s,
 )
-from steer_by_wire.tools.paper.figures.network_figure import (
+from steer_by_wire.tools.paper.figures.small_gain_figures import (
     DELAY_S,
+    figure_9,
     figure_12,
     first_intersection_rad_s,
     network_verdict,
 )
-from steer_by_wire.tools.paper.figures.uncertainty_figure import figure_9
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
 from tests.support.suite.curves import alike_without_colour
 
@@ -43,9 +40,7 @@ def check_form(reproduction: Reproduction, key: str) -> None:
     assert reproduction.why
 
 
-def test_figure_9_meets_its_condition_at_every_vertex(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The exact cutoffs, which it states without judging them, take most of its time.
-    monkeypatch.setattr(uncertainty_figure, "_EXACT_POINTS", 5)
+def test_figure_9_meets_its_condition_at_every_vertex() -> None:
     with plot_style():
         reproduction = figure_9()
     check_form(reproduction, "figure_09")
@@ -63,18 +58,6 @@ def test_without_observer_the_vehicle_spreads_as_the_square_of_the_speed_at_rest
     """(7/4)², less what understeer takes: V²/(l_f + l_r + K V²)."""
     spread = corner_spreads("pd").regulated.spread[0]
     assert 3.0 < spread < (7.0 / 4.0) ** 2
-
-
-def test_towards_its_cutoff_the_observer_no_longer_helps() -> None:
-    without, with_dob = corner_spreads("pd"), corner_spreads("pd_dob")
-    ends_rad_s = help_ends_rad_s(without.regulated, with_dob.regulated)
-    assert 3.4 < ends_rad_s < 3.7
-    worst, omega_rad_s = without.closed_loop.largest_spread(1.0)
-    assert 1.4 < decibels(worst) < 1.5
-    assert omega_rad_s == pytest.approx(1.0, rel=0.01)
-    worst_dob, omega_rad_s = with_dob.closed_loop.largest_spread(1.0)
-    assert 0.35 < decibels(worst_dob) < 0.38
-    assert 0.7 < omega_rad_s < 0.85
 
 
 def test_figures_10_and_11_agree_with_what_the_text_says_of_them() -> None:
@@ -113,8 +96,7 @@ def test_condition_and_roots_at_80_ms_are_these() -> None:
     ideal = network_verdict(published_law("pd_cdob"), DELAY_S)
     assert 1.32 < ideal.ratio < 1.33
     assert 195.0 < ideal.omega_rad_s < 197.0
-    assert (ideal.right, ideal.at_origin, ideal.outside) == (6, 2, 6)
+    assert (ideal.right, ideal.at_origin) == (6, 2)
     filtered = network_verdict(published_law("pd_cdob", "pd.derivative_filter_rad_s=20"), DELAY_S)
     assert 0.59 < filtered.ratio < 0.60
-    assert filtered.printed_ratio > 1.0
-    assert (filtered.right, filtered.at_origin, filtered.outside) == (0, 2, 0)
+    assert (filtered.right, filtered.at_origin) == (0, 2)

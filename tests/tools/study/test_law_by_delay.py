@@ -1,7 +1,6 @@
 """Laws over the mean delay: the shipped comparison in small, its tables, and where a law breaks."""
 
 import json
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +26,9 @@ from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.axes import study_axes
 from steer_by_wire.tools.study.law_by_delay import (
     LawByDelay,
-    draw_conditions,
     draw_error_over_delay,
     law_by_delay,
     law_section,
-    portions,
 )
 from tests.support.runs.small_study import make_scenarios, never
 from tests.support.runs.stored_pair import pair_of_row
@@ -112,21 +109,6 @@ def test_the_predictor_holds_half_a_second_and_the_observers_do_not(tmp_path: Pa
         "predictor: holds throughout",
         "PD+DDOB: breaks at 500 ms",
     ]
-    figure = draw_conditions(found, found.controllers)
-    assert len(figure.axes) == 6
-    figure.draw_without_rendering()
-    for panel in figure.axes[: len(found.conditions)]:
-        for axis in (panel.xaxis, panel.yaxis):
-            labels = axis.get_ticklabels(which="both")
-            assert any(label.get_visible() and label.get_text() for label in labels)
-
-
-def test_no_picture_has_more_than_eight_laws_and_none_is_left_out() -> None:
-    names = [f"law {number}" for number in range(17)]
-    assert [end for end, _ in portions(names)] == ["_1", "_2", "_3"]
-    assert [len(shown) for _, shown in portions(names)] == [8, 8, 1]
-    assert [*chain(*(shown for _, shown in portions(names)))] == names
-    assert [*portions(names[:8])] == [("", names[:8])]
 
 
 def test_a_published_law_breaks_at_80_ms_where_it_has_its_own_rate(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import __main__
-from steer_by_wire.tools.study.against_pd import comparisons
+from steer_by_wire.tools.study.against_pd import comparison_section
 from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
 from steer_by_wire.tools.study.fault_reactions import reaction_sections
 from steer_by_wire.tools.study.heat_maps import are_drawn, heat_maps
@@ -59,7 +59,7 @@ replicates = 2
     + CORNERS
 )
 RUNS = 2 * 2 * 4 * 2 * 2
-PICTURES = ("error_over_delay", "law_by_delay", "heat_map_rms", "heat_map_held")
+PICTURES = ("error_over_delay", "heat_map_rms", "heat_map_held")
 PNG = b"\x89PNG"
 
 
@@ -238,11 +238,11 @@ def test_laws_are_compared_run_by_run_where_both_hold(study: StudyRecord) -> Non
     # practical_pd_ddob and practical_pd in turn
     rms_m = [1.0, 2.0, 3.0, 4.0, 50.0, 5.0, 6.0, 60.0]
     rows = made_rows(rms_m, [holds, holds, holds, holds, cycle, holds, holds, cycle], 2)
-    ddob, pd = comparisons(study, rows)
-    assert (ddob.held, ddob.only_it, ddob.only_reference) == (3, 1, 1)
-    assert ddob.median == pytest.approx(0.5 * (1 / 2 + 3 / 4))
-    assert ddob.better == 1.0
-    assert (pd.median, pd.better, pd.rms_worst_held_m) == (1.0, 0.0, 5.0)
+    (table,) = comparison_section(study, rows).tables
+    ddob, pd = ([cell.text for cell in line] for line in table.rows)
+    assert ddob[1:5] == ["3 (75.0 %)", "1", "1", f"{0.5 * (1 / 2 + 3 / 4):.3f}"]
+    assert ddob[6] == "100.0 %"
+    assert (pd[4], pd[6], pd[8]) == ("1.000", "0.0 %", "5,000")
 
 
 def test_the_worst_runs_are_the_largest_errors_of_different_points(study: StudyRecord) -> None:

@@ -158,15 +158,3 @@ def _first_confirmed(fine: Study, law: str, search: Search) -> Found:
                 return Found(law, values, judgement, confirmation, search.judged)
     (values,) = search.best(1)
     return Found(law, values, judge_law(fine, law, values), None, search.judged)
-
-
-def is_possible(study: Study, law: str, progress: Progress) -> bool:
-    """Whether an evolution finds any parameters that meet all demands of a coarse study."""
-    table = study.spec.search
-    ranges = bounds(law, study.vehicle.box.nominal, study.spec.rate_hz)
-    search = Search(lambda values: judge_law(study, law, values).violation, ranges)
-    for share in search.evolve(table.seed, table.generations):
-        if not search.least:
-            return True
-        progress(share, search.least)
-    return False

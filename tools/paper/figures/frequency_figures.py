@@ -24,8 +24,6 @@ from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
 CUTOFF_RAD_S = 5.0
 """ω_c of the DOB, section VI.B.1."""
 SPREAD_AT_RAD_S = 0.1
-LOW_RAD_S = 1.0
-"""Upper end of low ω, as the two figures suggest."""
 _OMEGA_RAD_S = (1e-2, 1e3)
 _OMEGAS = 2001
 
@@ -78,35 +76,24 @@ def figure_10() -> Reproduction:
 
 def figure_11() -> Reproduction:
     """Return |y/r| at the four vertices with DOB, and the spread beside that of Figure 10."""
-    without, with_dob = corner_spreads("pd"), corner_spreads("pd_dob")
-    both = without, with_dob
+    both = corner_spreads("pd"), corner_spreads("pd_dob")
     closed = [one.closed_loop.spread_at(SPREAD_AT_RAD_S) for one in both]
-    worst = [one.closed_loop.largest_spread(LOW_RAD_S)[0] for one in both]
     plant = [one.regulated.spread_at(SPREAD_AT_RAD_S) for one in both]
-    ends_rad_s = help_ends_rad_s(without.regulated, with_dob.regulated)
     return Reproduction(
         key="figure_11",
         title="Figure 11: |y/r| at the four vertices, with DOB",
         caption="As Figure 10, with the DOB of (11): G_n of (19), Q of (20), ω_c = 5 rad/s. Below:"
         " the regulated vehicle, |y/u_new| of (12).",
-        pictures=(
-            _response_picture("figure_11", with_dob, "y/u_new"),
-            _spread_picture(without, with_dob),
-        ),
+        pictures=(_response_picture("figure_11", both[1], "y/u_new"),),
         comparisons=(
-            *_spread_comparisons(with_dob, "y/u_new"),
+            *_spread_comparisons(both[1], "y/u_new"),
             _smaller(f"spread of |y/r| at {SPREAD_AT_RAD_S} rad/s", *closed, digits=4),
-            _smaller(f"largest spread of |y/r| up to {LOW_RAD_S:g} rad/s", *worst, digits=2),
             _smaller(f"spread of |y/u_new| at {SPREAD_AT_RAD_S} rad/s", *plant, digits=3),
-            unpublished(
-                "ω up to which |y/u_new| spreads less than |y/u|", f"{ends_rad_s:.2f} rad/s"
-            ),
         ),
         verdict=Verdict.WITH_CORRECTION,
         why="With C_r and l_s corrected the curves lie closer together at low ω with the DOB, in"
-        " y/r and more plainly in y/u_new; only near 0.4 rad/s, where those of Figure 10 cross, do"
-        " they not. It helps below its cutoff: towards ω_c, where 1 - Q is no longer small, the"
-        " spread is as large as without.",
+        " y/r and more plainly in y/u_new. It helps below its cutoff: towards ω_c, where 1 - Q is"
+        " no longer small, the spread is as large as without.",
     )
 
 
@@ -127,11 +114,6 @@ def corner_spreads(law: str) -> Spreads:
         CornerResponses(omega_rad_s, np.abs(closed_loop)),
         CornerResponses(omega_rad_s, np.abs(regulated)),
     )
-
-
-def help_ends_rad_s(without: CornerResponses, with_dob: CornerResponses) -> float:
-    """Return the lowest ω at which the DOB does not make the spread smaller [rad/s]."""
-    return float(without.omega_rad_s[np.argmax(with_dob.spread >= without.spread)])
 
 
 def _decibels(ratio: float) -> float:
@@ -182,30 +164,6 @@ def _response_picture(name: str, spreads: Spreads, inner: str) -> Picture:
         }
         columns[f"{quantity}_spread_db"] = 20.0 * np.log10(responses.spread)
     return Picture(name, figure, columns)
-
-
-def _spread_picture(without: Spreads, with_dob: Spreads) -> Picture:
-    figure = Figure(figsize=(8.0, 4.8))
-    axes = figure.subplots()
-    columns = {"omega_rad_s": without.closed_loop.omega_rad_s}
-    curves = (
-        ("y/r without DOB", "y_per_r_without_dob", without.closed_loop),
-        ("y/r with DOB", "y_per_r_with_dob", with_dob.closed_loop),
-        ("y/u", "y_per_u", without.regulated),
-        ("y/u_new, with DOB", "y_per_u_new", with_dob.regulated),
-    )
-    for label, column, responses in curves:
-        spread_db = 20.0 * np.log10(responses.spread)
-        columns[f"spread_{column}_db"] = spread_db
-        axes.loglog(responses.omega_rad_s, spread_db, label=label)
-    axes.axvline(CUTOFF_RAD_S, color="0.4", lw=0.9, ls="-.")
-    axes.annotate(
-        "ω_c", (CUTOFF_RAD_S, 1.2e-3), xytext=(5, 0), textcoords="offset points", color="0.3"
-    )
-    axes.set(xlabel="ω [rad/s]", ylabel="largest over smallest vertex [dB]", ylim=(1e-3, 30.0))
-    axes.set_title("Spread over the vertices")
-    axes.legend(loc="lower right")
-    return Picture("figure_11_spread", figure, columns)
 
 
 def _draw_corners(axes: Axes, responses: CornerResponses) -> None:

@@ -1,0 +1,58 @@
+"""The page of plans states what the first seeds of its study give."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binom
+
+from steer_by_wire.closed_loop.studies.result_reader import read_rows, read_study
+from tests.support.suite.combinations import sampled
+from tests.tools.study.test_study_report import computed
+
+PAGE = Path(__file__).parents[3] / "docs" / "packet.md"
+SEEDS = 10
+ON_PAGE_S = ("0.2", "0.4")
+MEANS_S = sampled(ON_PAGE_S[1:], ON_PAGE_S)
+
+
+def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None:
+    """The first of the thousand seeds, computed again."""
+    shipped = Path(__file__).parents[3] / "closed_loop" / "studies" / "compare_at_speed.toml"
+    text = shipped.read_text(encoding="utf-8")
+    few = text.replace("[0.0, 0.1, 0.2, 0.3, 0.4]", f"[{', '.join(MEANS_S)}]")
+    few = few.replace("= 1000", f"= {SEEDS}")
+    few = re.sub(r"\[[^]]*5000 kg\"\]\n(.*= .*\n)+", "", few)  # not on the page
+    study = read_study(computed(tmp_path, few))
+    rows = read_rows(study)
+    lines, network = [], ""
+    for line in PAGE.read_text(encoding="utf-8").splitlines():
+        if re.fullmatch(r"\*\*.*\*\*", line):
+            network = line.strip("*")
+        if line.count("|") == 6 and " to " in line:
+            law, *cells = (cell.strip() for cell in line.strip("|").split("|"))
+            for mean_s, peaks_m, beyond in zip(ON_PAGE_S, cells[::2], cells[1::2], strict=True):
+                if mean_s in MEANS_S:
+                    lines.append([network, mean_s, law, *peaks_m.split(", "), beyond])
+    assert len(lines) == 2 * len(MEANS_S) * 4
+    for network, mean_s, law, *figures in lines:
+        at = (
+            (rows.factors["network"] == network)
+            & (rows.factors["mean_s"] == float(mean_s))
+            & (rows.controller == study.names.index(law))
+        )
+        peak_m = rows.peak_m[at]
+        assert len(peak_m) == SEEDS
+        median_m, _, worst_m = (
+            math.inf if figure == "lost" else float(figure) for figure in figures[:3]
+        )
+        half_digit = 0.00501
+        assert peak_m.max() <= worst_m + half_digit, (network, mean_s, law)
+        if median_m < math.inf:  # all on one side with a probability of 1e-3
+            assert peak_m.min() <= median_m + half_digit
+            assert peak_m.max() >= median_m - half_digit
+        share = float(figures[-1].split()[0])
+        count = np.count_nonzero(peak_m > 0.5)
+        assert binom.cdf(count, SEEDS, 0.01 * share + 5e-4) > 1e-6
+        assert binom.sf(count - 1, SEEDS, 0.01 * share + 5e-4) > 1e-6

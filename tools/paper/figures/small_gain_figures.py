@@ -1,0 +1,202 @@
+"""Figures 9 and 12 of SAE 2018-01-1086: the small gain conditions of the DOB and of the CDOB.
+
+    Figure 9     |Q| < 1/|Δ_m| for all ω,              Δ_m = (G - G_n)/G_n       (23)
+    Figure 12    |L_n/(1 + L_n)| < 1/|Δ_m| for all ω,  Δ_m = e^(-jωT) - 1        (25)
+
+The conditions are only sufficient; the roots of the loop decide. They are counted with the exact
+delay in continuous time.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ....closed_loop.parameter_space.root_count import on_axis
+from ....closed_loop.reports.plot_style import COLOURS
+from ....controller.filters.continuous_filters import q_order_2
+from ....controller.filters.nominal_model import paper_eq19
+from ....controller.settings import ControllerSettings
+from ....runtime.array_types import FloatArray
+from ..continuous_loop import cdob_parts, closed_loop_roots, continuous_law
+from ..corners import CORNERS, corner_labels, corner_plants, published_law
+from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
+from ..small_gain import (
+    cdob_nominal_loop,
+    cdob_small_gain,
+    condition_23,
+    delay_uncertainty,
+    largest_uncertainty,
+    multiplicative_uncertainty,
+)
+
+CUTOFF_RAD_S = 5.0
+"""ω_c of the DOB, section VI.B.1."""
+DELAY_S = 0.08
+"""T of section IV."""
+FILTER_RAD_S = 20.0
+"""N of the derivative filter that stands for the one the text does not mention."""
+_OMEGA_RAD_S = np.geomspace(1e-2, 1e3, 5001)
+
+
+def figure_9() -> Reproduction:
+    """Return |Q| against 1/|Δ_m| at the vertices, and the cutoffs that meet the condition."""
+    q, plants = q_order_2(CUTOFF_RAD_S), corner_plants()
+    ratios = [condition_23(q, largest_uncertainty((plant,), paper_eq19())) for plant in plants]
+    margins = ", ".join(
+        f"{corner} {-20.0 * np.log10(ratio.size):.1f}"
+        for corner, ratio in zip(CORNERS, ratios, strict=True)
+    )
+    largest = float(largest_uncertainty(plants, paper_eq19()).size.max())
+    return Reproduction(
+        key="figure_09",
+        title="Figure 9: |Q| against 1/|Δ_m|",
+        caption="Q of (20) with ω_c = 5 rad/s; Δ_m = (G - G_n)/G_n at the four vertices of Figure"
+        " 2, C_r = 500,000 N/rad and l_s = 2 m; G_n of (19).",
+        pictures=(_uncertainty_picture(),),
+        comparisons=(
+            Comparison(
+                f"smallest 1/|Q Δ_m| at ω_c = {CUTOFF_RAD_S:g} rad/s",
+                "above 0 dB",
+                f"{margins} dB",
+                max(ratio.size for ratio in ratios) < 1.0,
+            ),
+            unpublished("largest |Δ_m|: below 1 every ω_c meets (23)", f"{largest:.3f}"),
+        ),
+        verdict=Verdict.WITH_CORRECTION,
+        why="With C_r and l_s corrected the condition holds at ω_c = 5 rad/s. But it does not limit"
+        " ω_c: |Δ_m| < 1 at all ω, so every cutoff of (20) meets it.",
+    )
+
+
+def _uncertainty_picture() -> Picture:
+    columns = {"omega_rad_s": _OMEGA_RAD_S}
+    figure = Figure(figsize=(8.0, 4.8))
+    axes = figure.subplots()
+    for corner, label, plant in zip(CORNERS, corner_labels(), corner_plants(), strict=True):
+        uncertainty = np.abs(multiplicative_uncertainty(plant, paper_eq19(), _OMEGA_RAD_S))
+        inverse_db = -20.0 * np.log10(uncertainty)
+        columns[f"inverse_uncertainty_{corner}_db"] = inverse_db
+        axes.semilogx(_OMEGA_RAD_S, inverse_db, label=f"1/|Δ_m|, {label}")
+    q_db = 20.0 * np.log10(np.abs(q_order_2(CUTOFF_RAD_S).response(on_axis(_OMEGA_RAD_S))))
+    columns["q_db"] = q_db
+    label = f"|Q|, ω_c = {CUTOFF_RAD_S:g} rad/s"
+    axes.semilogx(_OMEGA_RAD_S, q_db, color="black", lw=2.0, label=label)
+    axes.set(xlabel="ω [rad/s]", ylabel="size [dB]", ylim=(-40.0, 40.0))
+    axes.set_title("|Q| against 1/|Δ_m|, G_n of (19)")
+    axes.margins(x=0.0)
+    axes.legend(loc="lower left", fontsize=9)
+    return Picture("figure_09", figure, columns)
+
+
+class NetworkVerdict(NamedTuple):
+    """What is known of a CDOB loop at one delay.
+
+    ``ratio``        largest |L_n/(1 + L_n) Δ_m|; below 1 proves stability
+    ``omega_rad_s``  where it is
+    ``right``        roots of the loop in the right half-plane
+    ``at_origin``    its roots at s = 0
+    """
+
+    ratio: float
+    omega_rad_s: float
+    right: int
+    at_origin: int
+
+
+def figure_12() -> Reproduction:
+    """Return |L_n/(1 + L_n)| against 1/|Δ_m|, ideal and filtered derivative, and what is exact."""
+    ideal = published_law("pd_cdob")
+    derivative = f"pd.derivative_filter_rad_s={FILTER_RAD_S}"
+    filtered = published_law("pd_cdob", derivative)
+    return Reproduction(
+        key="figure_12",
+        title="Figure 12: |L_n/(1 + L_n)| against 1/|Δ_m|",
+        caption="PD with K_p = 1.0596, K_d = 0.939; G = G_n of (19); Q of (20), ω_c = 200 rad/s;"
+        " T = 80 ms; (26) without its second e^(-Ts).",
+        pictures=(
+            _network_picture("figure_12", ideal, "ideal derivative"),
+            _network_picture(
+                "figure_12_filtered", filtered, f"derivative filtered at {FILTER_RAD_S:g} rad/s"
+            ),
+        ),
+        comparisons=(
+            *_network_comparisons(ideal, "ideal derivative"),
+            Comparison(
+                "lowest ω where the curves meet, ideal derivative",
+                "no intersection",
+                f"{first_intersection_rad_s(ideal, DELAY_S):.1f} rad/s",
+                False,
+            ),
+            *_network_comparisons(filtered, f"N = {FILTER_RAD_S:g} rad/s"),
+        ),
+        verdict=Verdict.WITH_CORRECTION,
+        why="With the ideal derivative of the text the curves do intersect, above 100 rad/s, where"
+        " the printed picture may have ended, and the loop really is unstable. With the derivative"
+        f" filtered at {FILTER_RAD_S:g} rad/s the statement holds. Two things (25) does not say:"
+        " it is sufficient only, and may fail where the loop is stable; and it sees"
+        " y/r, not the two roots at s = 0 with which the published CDOB drifts off the path.",
+    )
+
+
+def network_verdict(settings: ControllerSettings, delay_s: float) -> NetworkVerdict:
+    """Return the results of condition and roots for a CDOB around its own nominal model."""
+    parts = cdob_parts(settings)
+    ratio, omega_rad_s = cdob_small_gain(parts, delay_s)
+    roots = closed_loop_roots(continuous_law(settings), parts.model, delay_s)
+    return NetworkVerdict(ratio, omega_rad_s, roots.right, roots.at_origin)
+
+
+def first_intersection_rad_s(settings: ControllerSettings, delay_s: float) -> float:
+    """Return the lowest ω at which (25) fails [rad/s]; inf where it is met."""
+    ratio = _closed_nominal(settings) * np.abs(delay_uncertainty(_OMEGA_RAD_S, delay_s))
+    return float(min(_OMEGA_RAD_S[ratio >= 1.0], default=np.inf))
+
+
+def _closed_nominal(settings: ControllerSettings) -> FloatArray:
+    nominal = cdob_nominal_loop(cdob_parts(settings), _OMEGA_RAD_S)
+    return np.asarray(np.abs(nominal / (1.0 + nominal)), np.float64)
+
+
+def _network_comparisons(settings: ControllerSettings, name: str) -> tuple[Comparison, ...]:
+    """Return condition and exact result at 80 ms."""
+    verdict = network_verdict(settings, DELAY_S)
+    at_delay = f"T = {1e3 * DELAY_S:.0f} ms, {name}"
+    return (
+        Comparison(
+            f"largest |L_n/(1 + L_n) Δ_m|, {at_delay}",
+            "below 1",
+            f"{verdict.ratio:.3f} at {verdict.omega_rad_s:.0f} rad/s",
+            verdict.ratio < 1.0,
+        ),
+        Comparison(
+            f"unstable roots of y/r with exact delay, {at_delay}",
+            "stable",
+            f"{verdict.right}; besides, {verdict.at_origin} at s = 0",
+            verdict.right == 0,
+        ),
+    )
+
+
+def _network_picture(name: str, settings: ControllerSettings, subtitle: str) -> Picture:
+    closed_db = 20.0 * np.log10(_closed_nominal(settings))
+    inverse_db = -20.0 * np.log10(np.abs(delay_uncertainty(_OMEGA_RAD_S, DELAY_S)))
+    figure = Figure(figsize=(8.0, 4.8))
+    axes = figure.subplots()
+    axes.semilogx(_OMEGA_RAD_S, closed_db, color=COLOURS[1], label="|L_n/(1 + L_n)|")
+    axes.semilogx(_OMEGA_RAD_S, inverse_db, color=COLOURS[0], label="1/|Δ_m|")
+    above = closed_db >= inverse_db
+    axes.fill_between(
+        _OMEGA_RAD_S, closed_db, inverse_db, where=above, color=COLOURS[3], alpha=0.8, lw=0.0
+    )
+    axes.set(xlabel="ω [rad/s]", ylabel="size [dB]", xlim=(0.1, None), ylim=(-60.0, 40.0))
+    axes.set_title(f"Small gain condition of the CDOB, {subtitle}")
+    axes.legend(loc="center left")
+    roots = closed_loop_roots(continuous_law(settings), paper_eq19(), DELAY_S)
+    condition = "not met (shaded)" if np.any(above) else "met"
+    exact = f"{roots.right} unstable roots" if roots.right else "y/r is stable"
+    axes.text(
+        0.62, 0.05, f"condition {condition}\nexact: {exact}", transform=axes.transAxes, fontsize=10
+    )
+    columns = {"omega_rad_s": _OMEGA_RAD_S, "nominal_closed_loop_db": closed_db}
+    return Picture(name, figure, columns | {"inverse_uncertainty_db": inverse_db})
