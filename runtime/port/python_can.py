@@ -103,11 +103,6 @@ class BusPort:
         self._hasty = 0
         """Waits in a row that ended early without a frame."""
 
-    @property
-    def takes_fd(self) -> bool:
-        """Whether it was opened for CAN FD frames."""
-        return self.bus.protocol is not can.CanProtocol.CAN_20
-
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
 

@@ -16,7 +16,6 @@ import struct
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 
 from can.typechecking import CanFilter
 
@@ -41,7 +40,6 @@ _COUNT = struct.Struct("=I")
 _ANCILLARY_BYTES = 128
 """Room for a time stamp and a count of dropped frames, each with its header."""
 
-_NETWORK_INTERFACES = Path("/sys/class/net")
 _GONE = {
     errno.ENETDOWN: "is down",
     errno.ENODEV: "has been removed",
@@ -66,7 +64,6 @@ class SocketCanPort:
         self, channel: str, filters: Sequence[CanFilter] | None = None, *, fd: bool = False
     ) -> None:
         self._channel = channel
-        self._fd = fd
         self._clock = ArrivalClock()
         self.dropped = 0
         self._socket = socket.socket(_AF_CAN, socket.SOCK_RAW | socket.SOCK_NONBLOCK, _CAN_RAW)
@@ -80,15 +77,6 @@ class SocketCanPort:
         except BaseException:
             self._socket.close()
             raise
-
-    @property
-    def takes_fd(self) -> bool:
-        """Whether it was opened for CAN FD frames, and the interface carries them."""
-        try:
-            mtu_bytes = int((_NETWORK_INTERFACES / self._channel / "mtu").read_text())
-        except (OSError, ValueError):  # unknown; sending finds out
-            return self._fd
-        return self._fd and mtu_bytes >= _FD_FRAME.size
 
     def set_filters(self, filters: Sequence[CanFilter] | None) -> None:
         """Receive the frames that match ``filters``, and error frames; None: everything."""

@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from ..frame.length_with_stuff_bits import frame_bits
 from ..output_file import open_text
-from ..settings import SettingsError
 
 # Bits of SocketCAN's can_id and canfd_frame.flags, as candump prints them (linux/can.h).
 _CAN_ERR_FLAG = 0x20000000
@@ -80,30 +78,6 @@ def parse_entry(line: str) -> LogEntry | None:
     return LogEntry(
         time_ns, channel, Frame(can_id, bytes.fromhex(fd_payload or payload or ""), flags)
     )
-
-
-def written_frame(text: str) -> Frame:
-    """Return the frame that is written as for cansend; raises SettingsError.
-
-    >>> written_frame("123#DE.AD")
-    Frame(can_id=291, data=b'\\xde\\xad', flags=0)
-    """
-    written = text.replace(".", "").upper()
-    entry = parse_entry(f"(0.0) can {written}")
-    try:
-        if entry is None:
-            raise ValueError
-        frame_bits(entry.frame)
-    except ValueError:
-        raise SettingsError(
-            f"{text}: no frame; one is 123#DEADBEEF, 00000123#R or 123##1DEADBEEF"
-        ) from None
-    shown = format_entry(entry).split()[-1]
-    if shown != written:
-        raise SettingsError(
-            f"{text}: remote frames have a DLC of 0 here, FD frames no ESI: {shown}"
-        )
-    return entry.frame
 
 
 class CandumpLog:

@@ -1,51 +1,69 @@
-"""The ghost: the car as the hand would move it if no network delayed the hand.
+"""The ghost: the visitor's car as the predictor would steer it through the same network.
 
-z' = A z + B (δ − δₐ) − z/τ       y_ghost = y + z_y
-
-A, B  of the plant's single-track model (1)
-δ     the newest command on the bus      [rad]
-δₐ    the command that the plant applies [rad]
-τ     5 s                                not in paper: forgets, or the two would part for good
+Both nodes of a pair in virtual time, on the clock of this machine since the visitor's first
+command. Seed and latency are those of the visitor's plant, so every frame meets the same network.
 """
 
 import math
 from typing import NamedTuple
 
-import numpy as np
-from scipy.linalg import expm
+from ...closed_loop.pair.virtual_pair import make_virtual_pair
+from ...controller.settings import controller_preset
+from ...dbc.messages import CAN_IDS, Decoded, LateralError, decode
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.frame import Frame
+from ...runtime.node.virtual_time_loop import VirtualTimeExecutor
 
-from ...plant_emulator.vehicle.motion_parameters import vehicle_params
-from ...plant_emulator.vehicle.settings import VehicleSettings
-from ...plant_emulator.vehicle.single_track_model import state_matrices
-from .signals import ROW_PERIOD_S
-
-_FORGETS_S = 5.0
-_SIZE = 4
-_HEADING, _LATERAL = 2, 3
+_LAW = "highway_predictor"
+_ERROR_ID = CAN_IDS[LateralError]
 
 
 class Offset(NamedTuple):
-    """Where the ghost is against the car: to its left, and turned to the left."""
+    """Where the ghost is measured against the path: to its left, and turned to the left."""
 
     lateral_m: float
     heading_rad: float
 
 
+_UNKNOWN = Offset(math.nan, math.nan)
+
+
 class Ghost:
-    """Advances by one row at a time."""
+    """Drives from ``begin`` on."""
 
-    def __init__(self, vehicle: VehicleSettings) -> None:
-        a, b = state_matrices(vehicle_params(vehicle))
-        system = np.zeros((_SIZE + 1, _SIZE + 1))
-        system[:_SIZE, :_SIZE] = a - np.eye(_SIZE) / _FORGETS_S
-        system[:_SIZE, _SIZE] = b[:, 0]
-        step = expm(ROW_PERIOD_S * system)
-        self._keep, self._gain = step[:_SIZE, :_SIZE], step[:_SIZE, _SIZE]
-        self._state = np.zeros(_SIZE)
+    def __init__(self, plant: PlantSettings) -> None:
+        self._settings, self._law = plant, controller_preset(_LAW)
+        self.restart()
 
-    def step(self, steer_rad: float, in_effect_rad: float) -> Offset:
-        """Advance by the time between two rows; unknown angles count as equal."""
-        ahead_rad = steer_rad - in_effect_rad
-        ahead_rad = ahead_rad if math.isfinite(ahead_rad) else 0.0
-        self._state = self._keep @ self._state + self._gain * ahead_rad
-        return Offset(float(self._state[_LATERAL]), float(self._state[_HEADING]))
+    def restart(self) -> None:
+        """Wait at the start of the path."""
+        self._pair = make_virtual_pair(self._settings, self._law, plant_samples_max=0)
+        nodes = (self._pair.edge, self._pair.controller)
+        self._executor = VirtualTimeExecutor(nodes, on_wire=self._on_wire)
+        self._start_ns: int | None = None
+        self._offset = _UNKNOWN
+
+    def begin(self, now_ns: int) -> None:
+        """Start, unless it drives already."""
+        if self._start_ns is None:
+            self._start_ns = now_ns
+
+    def configure(self, frame: Frame, now_ns: int) -> None:
+        """Let a tool's frame act on this car too: latency or disturbance."""
+        self.at(now_ns)
+        self._pair.edge.on_frame(frame, self._executor.now_ns)
+
+    def at(self, now_ns: int) -> Offset:
+        """Return where it is."""
+        if self._start_ns is not None:
+            self._executor.run(now_ns - self._start_ns)
+        return self._offset
+
+    def _on_wire(self, _time_ns: int, _sender: int, frame: Frame) -> None:
+        if frame.can_id != _ERROR_ID:
+            return
+        decoded = decode(frame)
+        if isinstance(decoded, Decoded) and isinstance(decoded.message, LateralError):
+            self._offset = Offset(
+                decoded.message.lateral_error_m, decoded.message.heading_error_rad
+            )

@@ -19,10 +19,9 @@ from ...runtime.exit_status import BusError, cause_of
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.port.port import ClosablePort
-from ...runtime.port.python_can import BusPort
-from ...runtime.port.socketcan import SocketCanPort
 from ...runtime.recording.candump import CandumpLog
-from .sampler import Ghosts, Sampler
+from .ghost import Ghost
+from .sampler import Sampler
 from .signals import ROW_PERIOD_S, packed_row
 
 ROWS_KEPT = 1500
@@ -41,12 +40,12 @@ class Lane:
         port: ClosablePort,
         start_ns: int,
         path: Path | None = None,
-        ghosts: Ghosts | None = None,
+        ghost: Ghost | None = None,
         listening: Listening = OUR_MESSAGES,
     ) -> None:
         self._port = port
         self._reader = LiveReader(port)
-        self._sampler = Sampler(start_ns, path, ghosts, listening)
+        self._sampler = Sampler(start_ns, path, ghost, listening)
         self._row_ns = self._status_ns = time.monotonic_ns()
         self._rows: list[bytes] = [b""] * ROWS_KEPT
         self.row_count = 0
@@ -68,11 +67,6 @@ class Lane:
     def send(self, frames: Sequence[Frame]) -> None:
         """Send frames on the bus, and take them as heard: a bus returns no own frames."""
         self._wishes.put(lambda: self._send(frames))
-
-    @property
-    def takes_fd(self) -> bool:
-        """Whether its bus carries CAN FD frames."""
-        return isinstance(self._port, BusPort | SocketCanPort) and self._port.takes_fd
 
     def reset_figures(self) -> None:
         """Let the running figures start again."""

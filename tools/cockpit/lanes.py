@@ -23,9 +23,9 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.port.python_can import BusPort
+from .ghost import Ghost
 from .hand import HandFile
 from .lane import Lane
-from .sampler import ghosts_of
 from .scenario import Scenario, lane_settings
 
 _POINT_M = 0.5
@@ -121,9 +121,9 @@ class OwnLanes:
             self.hand = HandFile(hand)
             for name, bus, lane in zip(names, channels.buses, settings, strict=True):
                 path = build_path(lane.plant.path)
-                ghosts = None if lane.controller else ghosts_of(lane.plant)
+                ghost = None if lane.controller else Ghost(lane.plant)
                 port, listening = BusPort(bus.open()), self._language.listening()
-                lanes.append(Lane(port, time.monotonic_ns(), path, ghosts, listening))
+                lanes.append(Lane(port, time.monotonic_ns(), path, ghost, listening))
                 stack.callback(lanes[-1].close)
                 files = PairFiles(folder / name)
                 files.write_settings(lane.plant, lane.controller)

@@ -16,13 +16,10 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.exit_status import BusError
-from ...runtime.frame import FD, Frame
-from ...runtime.recording.candump import written_frame
 from ...runtime.settings import Settings, SettingsError
 from .lane import Lane
 from .lanes import Action, OwnLanes, Program, lane_facts
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
-from .score import BestOfTheDay
 from .signals import ROW_PERIOD_S, shown
 
 LISTENS_ONLY = "this page only listens; --allow-control lets it change the latency"
@@ -68,13 +65,6 @@ class Disturb(Settings):
         )
 
 
-class SendFrame(Settings):
-    """Send one frame in every lane, written as for cansend."""
-
-    do: Literal["send"]
-    frame: Annotated[str, Field(max_length=200)]
-
-
 class Start(Settings):
     """Restart a scenario; ``scenario`` is checked where it is used."""
 
@@ -87,14 +77,6 @@ class Steer(Settings):
 
     do: Literal["steer"]
     steer_rad: Annotated[float, Field(ge=-0.6, le=0.6)]
-
-
-class TakeScore(Settings):
-    """Put the running score of a lane on the list of the day."""
-
-    do: Literal["score"]
-    lane: Annotated[int, Field(ge=0, lt=LANES_MAX)]
-    name: Annotated[str, Field(min_length=1, max_length=20)]
 
 
 class Act(Settings):
@@ -120,7 +102,7 @@ class ResetFigures(Settings):
 
 
 Wish = Annotated[
-    SetLatency | Disturb | SendFrame | Start | Steer | TakeScore | Act | Record | ResetFigures,
+    SetLatency | Disturb | Start | Steer | Act | Record | ResetFigures,
     Field(discriminator="do"),
 ]
 _WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
@@ -161,7 +143,6 @@ class Desk:
         self.recordings = Path(self._stack.enter_context(made))
         self._recording_since: float | None = None
         self._scenario: Scenario | None = None
-        self._best = BestOfTheDay()
         self._busy = ""
         self.generation = 0
 
@@ -216,7 +197,6 @@ class Desk:
             "programs": [] if self._own is None else self._own.states(),
             "recording_s": None if since is None else round(time.monotonic() - since, 1),
             "recorded": sorted(file.name for file in self.recordings.glob("*.log")),
-            "best": self._best.shown(),
             "busy": self._busy,
         }
 
@@ -237,12 +217,8 @@ class Desk:
             case SetLatency() | Disturb():
                 for lane in self.lanes:
                     lane.send([encode(wish.message, 0)])
-            case SendFrame():
-                self._send(written_frame(wish.frame))
             case Start():
                 self._start(scenario_of(wish.scenario))
-            case TakeScore():
-                self._take_score(wish)
             case Act():
                 self._own_lanes().act(wish.lane, wish.program, wish.action)
             case Record():
@@ -250,18 +226,6 @@ class Desk:
             case ResetFigures():
                 for lane in self.lanes:
                     lane.reset_figures()
-
-    def _send(self, frame: Frame) -> None:
-        if frame.flags & FD and not all(lane.takes_fd for lane in self.lanes):
-            raise WishError("a CAN FD frame: this bus carries classic frames only")
-        for lane in self.lanes:
-            lane.send([frame])
-
-    def _take_score(self, wish: TakeScore) -> None:
-        score = self.lanes[wish.lane].status.get("score") if wish.lane < len(self.lanes) else None
-        if not score or self._scenario is None:
-            raise WishError("there is no score yet")
-        self._best.add(wish.name, self._scenario.title, score)
 
     def _steer(self, wish: Steer) -> None:
         hand = self._own_lanes().hand

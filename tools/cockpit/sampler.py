@@ -23,12 +23,9 @@ from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
-from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
-from .ghost import Ghost, Offset
-from .predictor_ghost import PredictorGhost
-from .score import Score
+from .ghost import Ghost
 from .signals import NAMES
 
 _START = Pose(0.0, 0.0, 0.0)
@@ -90,6 +87,8 @@ _IN_FLIGHT_MAX = 4096
 """Commands that are remembered until they take effect."""
 _FOREIGN_MAX = 20
 """Foreign identifiers that are listed."""
+IN_LANE_M = 0.86
+"""Deviation of the centre of gravity at which a car of 1.78 m is on the edge of a lane of 3.5 m."""
 
 M = TypeVar("M", bound=messages.Message)
 
@@ -101,16 +100,26 @@ class Newest(NamedTuple, Generic[M]):
     message: M
 
 
-class Ghosts(NamedTuple):
-    """The cars that are drawn beside the visitor's."""
+class Score:
+    """Figures of all lateral errors so far; ``peak_m`` is the largest, 0 before the first."""
 
-    undelayed: Ghost
-    predictor: PredictorGhost
+    def __init__(self) -> None:
+        self._samples = self._in_lane = 0
+        self._squares_m2 = self.peak_m = 0.0
 
+    def add(self, error_m: float, cg_deviation_m: float) -> None:
+        """Take an error of the preview point; a deviation of NaN is in the lane."""
+        self._samples += 1
+        self._in_lane += not abs(cg_deviation_m) > IN_LANE_M
+        self._squares_m2 += error_m * error_m
+        self.peak_m = max(self.peak_m, abs(error_m))
 
-def ghosts_of(plant: PlantSettings) -> Ghosts:
-    """Return both for a visitor's car."""
-    return Ghosts(Ghost(plant.vehicle), PredictorGhost(plant))
+    def figures(self) -> Mapping[str, float]:
+        """Return RMS [m] and share of the time in the lane; empty before the first."""
+        if not self._samples:
+            return {}
+        rms_m = math.sqrt(self._squares_m2 / self._samples)
+        return {"rms_m": rms_m, "in_lane": self._in_lane / self._samples}
 
 
 class Sampler:
@@ -118,7 +127,7 @@ class Sampler:
 
     ``start_ns``  from which the rows' times count
     ``path``      that is driven; None where it is not known
-    ``ghosts``    None where no hand steers
+    ``ghost``     drawn next to the visitor's car; None where no hand steers
     ``listening``  understands the bus
     """
 
@@ -126,13 +135,13 @@ class Sampler:
         self,
         start_ns: int,
         path: Path | None = None,
-        ghosts: Ghosts | None = None,
+        ghost: Ghost | None = None,
         listening: Listening = OUR_MESSAGES,
     ) -> None:
         self.start_ns = start_ns
         self._listening = listening
         self._watch = BusWatch(start_ns, listening)
-        self._path, self._ghosts = path, ghosts
+        self._path, self._ghost = path, ghost
         self._place = Place(path)
         self._newest: dict[type[messages.Message], Newest[messages.Message]] = {}
         self._frames: dict[str, tuple[Frame, messages.Message | None]] = {}
@@ -149,8 +158,8 @@ class Sampler:
     def on_plant_start(self) -> None:
         """Take note that the plant was started: it begins at the start of its path."""
         self._place = Place(self._path)
-        if self._ghosts is not None:
-            self._ghosts.predictor.restart()
+        if self._ghost is not None:
+            self._ghost.restart()
 
     def reset_figures(self) -> None:
         """Let the running figures start again."""
@@ -174,10 +183,8 @@ class Sampler:
 
     def _on_message(self, heard: ReceivedMessage, frame: Frame, now_ns: int) -> None:
         message = heard.message
-        if self._ghosts and isinstance(
-            message, messages.LatencyConfig | messages.DisturbanceConfig
-        ):
-            self._ghosts.predictor.configure(frame, now_ns)
+        if self._ghost and isinstance(message, messages.LatencyConfig | messages.DisturbanceConfig):
+            self._ghost.configure(frame, now_ns)
         if isinstance(message, messages.ControllerStatus):
             self._note_skips(message, now_ns)
         self._newest[type(message)] = Newest(now_ns, message)
@@ -189,8 +196,8 @@ class Sampler:
             self._command = Newest(now_ns, command_at(message, heard.sample))
             self._sent[self._command.message.command_counter] = message
             self._place.on_command(now_ns)
-            if self._ghosts is not None:
-                self._ghosts.predictor.begin(now_ns)
+            if self._ghost is not None:
+                self._ghost.begin(now_ns)
         elif isinstance(message, messages.SteeringStatus):
             if message.status is not messages.SteeringStatusCode.NO_COMMAND:
                 sent = self._sent.get(message.applied_counter)
@@ -210,7 +217,7 @@ class Sampler:
         delay = self._known(messages.DelayStatus, now_ns)
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
-        ghost, predictor = self._ghosts_at(command, now_ns)
+        ghost = None if self._ghost is None else self._ghost.at(now_ns)
         score = self.score()
         values = {
             "lateral_error_m": error and error.lateral_error_m,
@@ -228,23 +235,12 @@ class Sampler:
             "foot_x_m": foot.x_m,
             "foot_y_m": foot.y_m,
             "path_heading_rad": foot.heading_rad,
-            "ghost_m": error and ghost and error.lateral_error_m + ghost.lateral_m,
-            "ghost_heading_rad": error and ghost and error.heading_error_rad + ghost.heading_rad,
-            "predictor_m": predictor and predictor.lateral_m,
-            "predictor_heading_rad": predictor and predictor.heading_rad,
+            "ghost_m": ghost and ghost.lateral_m,
+            "ghost_heading_rad": ghost and ghost.heading_rad,
             "rms_m": score.get("rms_m"),
             "peak_m": self._score.peak_m if score else None,
         }
         return tuple(math.nan if (value := values[name]) is None else value for name in NAMES)
-
-    def _ghosts_at(
-        self, command: messages.SteeringCommand | None, now_ns: int
-    ) -> tuple[Offset | None, Offset | None]:
-        if self._ghosts is None:
-            return None, None
-        steer_rad = command.steer_rad if command else math.nan
-        undelayed = self._ghosts.undelayed.step(steer_rad, self._in_effect_rad)
-        return undelayed, self._ghosts.predictor.at(now_ns)
 
     def score(self) -> Mapping[str, float]:
         """Return RMS [m] and share of the time in the lane since the reset; empty before it."""

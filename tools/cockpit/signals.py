@@ -62,8 +62,6 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("path_heading_rad", "path heading", "rad", 1.0, 3),
     Signal("ghost_m", "ghost", "m", 1.0, 2),
     Signal("ghost_heading_rad", "ghost heading", "rad", 1.0, 3),
-    Signal("predictor_m", "predictor's ghost", "m", 1.0, 2),
-    Signal("predictor_heading_rad", "predictor's ghost heading", "rad", 1.0, 3),
     Signal("rms_m", "RMS error", "mm", 1e3, 2),
     Signal("peak_m", "peak error", "mm", 1e3, 2),
 )

@@ -67,14 +67,6 @@ def slide(identifier: str, value: float) -> str:
     )
 
 
-def send_by_hand(text: str) -> str:
-    """Return an expression that types a frame and sends it."""
-    return (
-        f"document.getElementById('frame').value = '{text}';"
-        " document.getElementById('send').click()"
-    )
-
-
 def value_of(signal: str) -> str:
     """Return an expression for the newest value of a signal of the first lane."""
     return f"cockpit.lanes[0].value('{signal}', cockpit.nowS)"
@@ -100,22 +92,13 @@ def test_a_foreign_bus_gets_the_frame_that_the_slider_asks_for(browser: Browser)
             browser.wait_for("document.querySelector('#figures').innerText.includes('42.1')")
             browser.read(slide("uplink-mean_s", 35))
             got = bus.recv(PATIENCE_S)
-            browser.read(send_by_hand("123#1g"))
-            browser.wait_for("document.body.innerText.includes('123#1g: no frame; one is')")
-            browser.read(send_by_hand("123##1DEAD"))
-            browser.wait_for("document.body.innerText.includes('carries classic frames only')")
-            browser.read(send_by_hand("123#DE.AD"))
-            by_hand = bus.recv(PATIENCE_S)
             in_order(browser, address)
         assert got is not None
-        assert by_hand is not None
-        assert (by_hand.arbitration_id, bytes(by_hand.data)) == (0x123, b"\xde\xad")
         wanted = latency_of(Direction.UPLINK, 0.035, model=LatencyModel.NORMAL)
         assert decode(frame_of(got)) == decode(encode(wanted, 0))
         with cockpit(*where) as address:
             opened(browser, address)
             assert browser.read("document.getElementById('uplink-mean_s').disabled")
-            assert browser.read("document.getElementById('frame') === null")
             in_order(browser, address)
 
 
@@ -331,8 +314,7 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     assert [browser.read(is_steered) for is_steered in begun] == [True, False]
     browser.wait_for(f"{value_of('steer_in_effect_rad')} > 0.01")
     browser.wait_for(f"{value_of('lateral_error_m')} > 0.01")
-    browser.wait_for(f"{value_of('ghost_m')} > 0.01")
-    browser.wait_for(f"Math.abs({value_of('predictor_m')}) < 0.2")
+    browser.wait_for(f"Math.abs({value_of('ghost_m')}) < 0.2")
     key(browser, "keyUp", "ArrowLeft")
     browser.wait_for(f"{value_of('steer_rad')} === 0")
 
@@ -350,6 +332,4 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     browser.wait_for(f"{value_of('steer_rad')} > 0.05")
     browser.read("navigator.getGamepads = () => []; 0")
     browser.wait_for("/^5\\d s · RMS/.test(document.getElementById('score').textContent)")
-    browser.read("cockpit.wish({ do: 'score', lane: 0, name: 'Ann' })")
-    browser.wait_for("document.getElementById('best').innerText.includes('Ann · 250 ms')")
     in_order(browser, live)

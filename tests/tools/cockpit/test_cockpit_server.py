@@ -231,7 +231,6 @@ def test_who_may_control_sends_frames_of_the_dbc_and_starts_nothing() -> None:
         ({**LATENCY, "direction": "sideways"}, "latency.direction: Input should be"),
         ({**LATENCY, "latency": {"mean_s": 99.0}}, "latency.latency.mean_s: Input should be less"),
         ({"do": "steer", "steer_rad": 9.0}, "steer.steer_rad: Input should be less"),
-        ({"do": "score", "lane": 0, "name": "Ann"}, "there is no score yet"),
         ({"do": "process", "lane": 9, "program": "plant", "action": "kill"}, "process.lane: "),
     ],
 )

@@ -1,4 +1,4 @@
-// Rounds of a minute in which the visitor steers: the steering wheel, the score, the day's best.
+// Rounds of a minute in which the visitor steers: the steering wheel and the score.
 
 import { Hand } from "cockpit/hand.js";
 import { colour } from "cockpit/theme.js";
@@ -9,7 +9,6 @@ const SEND_MS = 20;
 const STEERING_RATIO = 16; // of the steering wheel in the picture to the front wheels
 const LOCK_M_S2 = 3.5; // lateral acceleration at the stop, a little beyond what the steering allows
 const LOCK_RAD = 0.5;
-const GUEST = "Guest";
 const SPEEDS_KM_H = [20, 30, 40];
 
 export class Drive {
@@ -19,16 +18,14 @@ export class Drive {
     this.hand = new Hand(this.wheel);
     this.text = element("p", { id: "story", role: "status" });
     this.score = element("p", { id: "score" });
-    this.best = element("ol", { id: "best", ariaLabel: "best of the day" });
-    this.name = element("input", { id: "name", value: GUEST, maxLength: 20, ariaLabel: "name for the list" });
     this.speed = element("select", { id: "drive-speed", ariaLabel: "speed", onchange: () => this.restart() },
       ...SPEEDS_KM_H.map((speed) => element("option", { value: speed }, `${speed} km/h`)));
     this.again = element("button", { type: "button", id: "again", onclick: () => this.restart() }, "Again");
     this.onward = element("button", { type: "button", id: "next", className: "primary", onclick: () => this.next() }, "Next round");
     this.full = element("button", { type: "button", id: "kiosk", onclick: () => this.toggleKiosk() }, "Full screen");
     this.home = element("a", { className: "download", href: "recording/lane1.html", download: "round.html", hidden: true }, "Take your round home");
-    const buttons = element("div", { className: "row" }, this.name, this.speed, this.again, this.onward, this.full);
-    byId("drive").append(this.wheel, element("div", {}, this.text, this.score, buttons, this.home), this.best);
+    const buttons = element("div", { className: "row" }, this.speed, this.again, this.onward, this.full);
+    byId("drive").append(this.wheel, element("div", {}, this.text, this.score, buttons, this.home));
     document.addEventListener("fullscreenchange", () => {
       if (!document.fullscreenElement) this.setKiosk(false);
     });
@@ -91,7 +88,6 @@ export class Drive {
 
   // For the next visitor, when nobody has taken the wheel for a minute.
   welcome() {
-    this.name.value = GUEST;
     this.start(this.rounds[0]);
   }
 
@@ -150,19 +146,11 @@ export class Drive {
     const { rms_m, in_lane } = this.app.status?.lanes[Math.max(this.lane, 0)]?.score ?? {};
     if (rms_m == null) return;
     const left = Math.max(Math.ceil(ROUND_S - drivenS), 0);
-    const result = `RMS ${told(rms_m, in_lane, "in lane ")}`;
+    const result = `RMS ${told(rms_m, in_lane)}`;
     setText(this.score, left ? `${left} s · ${result}` : `That minute: ${result}`);
     if (left) return;
-    this.app.wish({ do: "score", lane: Math.max(this.lane, 0), name: this.lane < 0 ? "the predictor" : this.name.value.trim() || GUEST });
     if (this.lane >= 0) this.home.hidden = false;
     this.next();
-  }
-
-  list(best) {
-    const rows = best.map(({ name, title, rms_m, in_lane }) => `${name} · ${title.replace("Drive it: ", "")} · ${told(rms_m, in_lane)}`);
-    if (this.listed === rows.join()) return;
-    this.listed = rows.join();
-    this.best.replaceChildren(...rows.map((row) => element("li", {}, row)));
   }
 
   // The rim turns with the hand; the mark on it is where the wheels of the car are.
@@ -196,9 +184,9 @@ export class Drive {
 }
 
 // A score in words that do not break: "46 m · in lane 21 %".
-function told(rms_m, in_lane, where = "") {
+function told(rms_m, in_lane) {
   const rms = rms_m < 10 ? `${(1000 * rms_m).toFixed(0)}\u00a0mm` : `${rms_m.toFixed(0)}\u00a0m`;
-  return `${rms} · ${where}${(100 * in_lane).toFixed(0)}\u00a0%`;
+  return `${rms} · in lane ${(100 * in_lane).toFixed(0)}\u00a0%`;
 }
 
 function mark(pen, ink, y) {

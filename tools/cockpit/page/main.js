@@ -129,7 +129,6 @@ function startLive() {
     status(status) {
       app.status = status;
       if (app.head) drawStatus();
-      drive.list(status.best);
     },
     refusal: toast,
     state(isOpen) {

@@ -108,17 +108,8 @@ export class Frames {
   build() {
     this.sum = element("p", { className: "sum" });
     this.list = element("ul");
-    byId("frames").replaceChildren(this.sum, ...(this.app.head.may_control && !this.app.player ? [this.sender()] : []), this.list);
+    byId("frames").replaceChildren(this.sum, this.list);
     this.items = new Map();
-  }
-
-  // A line from which any frame is sent, written as for cansend.
-  sender() {
-    const frame = element("input", { id: "frame", type: "text", placeholder: "100#0011223344556677", ariaLabel: "Frame to send, as for cansend", autocomplete: "off" });
-    return element("form", { className: "row", onsubmit: (event) => {
-      event.preventDefault();
-      this.app.wish({ do: "send", frame: frame.value.trim() });
-    } }, frame, element("button", { id: "send", type: "submit" }, "Send"));
   }
 
   draw(frames) {

@@ -2,7 +2,7 @@
 
 import { colour } from "cockpit/theme.js";
 import { byId, fixed, pressed, setText } from "cockpit/words.js";
-import { drawGhosts, nameGhosts } from "cockpit/ghosts.js";
+import { drawGhost, nameGhost } from "cockpit/ghost.js";
 import { drawSteer, drawVehicle, write } from "cockpit/vehicle.js";
 
 const ROAD_M = 3.5;
@@ -91,7 +91,7 @@ export class Scene {
     drawPath(pen, camera, this.reach(camera, place), facts, rows, at);
     drawTrail(pen, rows, at, nowS - TRAIL_S, factor);
     ink(pen, colour(`lane-${lane}`), 2 / camera.scale);
-    drawGhosts(pen, facts, rows, at, factor, state);
+    drawGhost(pen, facts, rows, at, factor, state);
     drawVehicle(pen, facts, state, this.isWhole ? 3 : 1);
     drawDeviation(pen, camera, state);
     pen.restore();
@@ -100,7 +100,7 @@ export class Scene {
     const y = this.app.lanes.length > 1 ? 38 : 18; // below the name of the lane
     const why = this.app.isDriven ? "" : `: it was beyond ${FAR_M} m`;
     write(pen, `deviation ×${factor}${factor < this.factor ? why : ""}`, 12, y);
-    nameGhosts(pen, rows, at);
+    nameGhost(pen, rows, at);
   }
 
   // Magnified, a car that was far off would leave the picture with its road.
