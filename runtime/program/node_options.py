@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -18,7 +19,7 @@ from ..command_line import (
 )
 from ..port.interface_choice import add_bus_arguments
 from ..recording.recorder import recording_obstacle
-from ..settings import Settings, SharedTable, load_settings, preset_names, read_preset
+from ..settings import Settings, SharedTable, load_settings, preset_names, preset_title, read_preset
 from ..settings.mistakes import setting_keys
 from .priority_and_memory_lock import priority
 
@@ -62,15 +63,33 @@ def add_settings_arguments(
     parser: argparse.ArgumentParser, preset_package: str, model: type[Settings]
 ) -> None:
     """Add the options that ``load_program_settings`` reads."""
-    presets = ", ".join(preset_names(preset_package))
     parser.add_argument(
         "settings", nargs="?", type=Path, metavar="SETTINGS.toml", help="settings file"
     )
     preset = parser.add_argument(
-        "--preset", metavar="NAME", help=f"preset, which the file overrides: {presets}"
-    )
+        "--preset", metavar="NAME", nargs="?", action=_preset_action(preset_package),
+        help="preset, which the file overrides; without a name, list them",
+    )  # fmt: skip
     offer(preset, lambda: preset_names(preset_package))
     add_overrides_argument(parser, keys=lambda: setting_keys(model))
+
+
+def _preset_action(package: str) -> type[argparse.Action]:
+    """Return the action of ``--preset``: without a name it lists the presets and ends."""
+
+    class PresetAction(argparse.Action):
+        def __call__(
+            self, parser: argparse.ArgumentParser, options: Any, name: Any, _: Any = None
+        ) -> None:
+            if name is None:
+                names = preset_names(package)
+                width = max(map(len, names))
+                rows = (f"{each:{width}}  {preset_title(package, each)}\n" for each in names)
+                sys.stdout.write("".join(rows))
+                parser.exit()
+            options.preset = name
+
+    return PresetAction
 
 
 def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:

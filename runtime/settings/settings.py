@@ -20,6 +20,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
@@ -108,6 +109,14 @@ def read_preset(package: str, name: str) -> Preset:
         raise SettingsError(f"preset {name}: there is none of this name ({hint(name, names)})")
     file = resources.files(package) / f"{name}.toml"
     return Preset(name, file.read_text(encoding="utf-8"))
+
+
+def preset_title(package: str, name: str) -> str:
+    """Return the first sentence of a preset's comments."""
+    lines = takewhile(
+        lambda line: line.startswith("#"), read_preset(package, name).text.splitlines()
+    )
+    return re.split(r"(?<=\.)\s(?=[A-Z])", " ".join(line.strip("# ") for line in lines))[0]
 
 
 def read_table(file: Path, name: str) -> Mapping[str, Any]:

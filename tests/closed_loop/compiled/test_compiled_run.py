@@ -255,7 +255,7 @@ def test_a_run_counts_no_references() -> None:
     for law in ("practical_pd", "practical_smith"):
         run_compiled(plant_settings((), 1.0), controller_preset(law))
     loops, laws = (list(function.overloads.values()) for function in (run_segment, step_at))
-    assert len(loops) == 2
+    assert len(loops) >= 2
     for made in (*loops, *laws):
         code = str(made.library._get_module_for_linking())
         (body,) = (

@@ -36,6 +36,8 @@ def test_every_shipped_plant_is_driven_with_half_of_its_grip(name: str) -> None:
     """The virtual mass is the mass over the friction: 2000 kg on all of these roads."""
     plant = load_settings(PlantSettings, read_preset(PRESETS, name))
     friction = min(1.0, 2000.0 / plant.vehicle.virtual_mass_kg)
+    if plant.car is not None:
+        friction = plant.car.friction
     asked_m_s2 = lateral_acceleration_m_s2(build_path(plant.path), plant.vehicle.speed_m_s)
     assert asked_m_s2 <= 0.5 * friction * 9.81
 
