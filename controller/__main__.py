@@ -1,4 +1,4 @@
-"""Starts the program ``steer-by-wire controller``: ``controller.program``."""
+"""Starts the program ``steer-by-wire controller``: ``controller.command_line.program``."""
 
 import sys
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ NAME = "steer-by-wire controller"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    return start_program("steer_by_wire.controller.program", arguments, NAME)
+    return start_program("steer_by_wire.controller.command_line.program", arguments, NAME)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Settings of the controller: the tables of its law, its limits, its supervision and its timing.
 
-Each table stands beside its subject; here they become one file of settings.
+Each table stands with its subject; here they become one file of settings.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Starts the program ``steer-by-wire plant``: ``plant_emulator.program``."""
+"""Starts the program ``steer-by-wire plant``: ``plant_emulator.command_line.program``."""
 
 import sys
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ NAME = "steer-by-wire plant"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    return start_program("steer_by_wire.plant_emulator.program", arguments, NAME)
+    return start_program("steer_by_wire.plant_emulator.command_line.program", arguments, NAME)
 
 
 if __name__ == "__main__":

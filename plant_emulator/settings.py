@@ -64,7 +64,7 @@ class PlantSettings(Settings):
     sensor_noise: SensorNoiseSettings = SensorNoiseSettings()
     path_ahead: PathAheadSettings | None = None
     """Send PATH_AHEAD, which needs CAN FD; if omitted, the controller knows only the curvature
-    beside the preview point."""
+    at the preview point."""
     ground_truth: bool = False
     """Whether GROUND_TRUTH is sent with each sample, for monitors and logs."""
     latency: BothLatencySettings = BothLatencySettings()

@@ -321,7 +321,7 @@ def installation(*libraries: str) -> str:
     from urllib.parse import urlsplit
     from urllib.request import url2pathname
 
-    # More than one where a build has left its own beside the sources, which names no origin.
+    # More than one where a build has left its own next to the sources, which names no origin.
     found = [*distributions(name=DISTRIBUTION)]
     texts = filter(None, (one.read_text("direct_url.json") for one in found))  # of PEP 610
     # Started from a folder, nothing is installed.

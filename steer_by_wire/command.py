@@ -62,7 +62,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
         },
         "Design and test": {
             "check": Program(
-                "controller.program",
+                "controller.command_line.program",
                 "poles, stable delays, tolerated jitter of a controller",
                 "check_main",
             ),
@@ -116,7 +116,7 @@ def start(name: str, words: Sequence[str]) -> int:
 
 
 def _print(text: str) -> int:
-    """Print for whoever still reads; a pipe that was closed, as by ``head``, is no mistake."""
+    """Print as long as someone reads; a pipe that was closed, as by ``head``, is no mistake."""
     try:
         print(text, flush=True)
     except BrokenPipeError:

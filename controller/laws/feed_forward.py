@@ -14,7 +14,7 @@ back.
 
 An observer must not see this steer. Curve and feed-forward cancel each other, which leaves the
 law's own part. From the whole command, the DOB of (9) would estimate the curve as a disturbance,
-compensate it a second time, and leave the vehicle beside its path by the feed-forward divided by
+compensate it a second time, and leave the vehicle off its path by the feed-forward divided by
 K_p. So the law receives only its own part of the command that was sent. (The Smith predictor reads
 the whole command from the history, because it predicts the effect of all commands in transit.)
 """

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class PidSettings(Settings):
-    """[pid]: integral and heading gain beside the gains of [pd]."""
+    """[pid]: integral and heading gain, in addition to the gains of [pd]."""
 
     integral_gain_rad_m_s: Annotated[float, Field(gt=0.0, le=1e6)]  # K_i [rad/(m s)]
     heading_gain_rad_rad: Annotated[float, Field(gt=0.0, le=1e6)] | None = None  # K_ψ [rad/rad]

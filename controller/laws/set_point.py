@@ -9,13 +9,13 @@ the CG is on the path while the preview point is at
     p    0 for the CG, -l_r for the rear axle, l_s for the preview point itself         [m]
     β₁   side slip per curvature in the steady state of SAE 2018-01-1086 (1)            [m]
     V    speed_m_s               of VEHICLE_STATE                                       [m/s]
-    ρ    preview_curvature_1_m   of VEHICLE_STATE, beside the preview point             [1/m]
+    ρ    preview_curvature_1_m   of VEHICLE_STATE, at the preview point                 [1/m]
 
 because there the vehicle points β₁ + p to the outside per curvature, and the path bends away from
 its own tangent by d²/2 (p for the yaw rate that a turn takes). Not in paper.
 
-The law sees y - y* as its lateral error. The terms belong to the path beside the followed point and
-d/3 ahead of it, not beside the preview point. So y* follows ρ over a distance, first order, which
+The law sees y - y* as its lateral error. The terms belong to the path at the followed point and
+d/3 ahead of it, not at the preview point. So y* follows ρ over a distance, first order, which
 makes the two mean places equal: d - d³/(6 A) with A = d (l_r + p) + d²/2. When VEHICLE_STATE is
 stale, y* fades out.
 

@@ -25,7 +25,7 @@ from .regression import regressed
 from .vehicle_kalman_filter import sent_for
 
 LAGS_S = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4)
-"""Lags that there are gains for, beside that of the settings."""
+"""Lags that there are gains for, in addition to that of the settings."""
 AS_SET = 0
 """Choice of the settings' lag; the others are 1 + their place in LAGS_S."""
 _ENDS_S = (0.01, 0.032, 0.07, 0.14, 0.28)

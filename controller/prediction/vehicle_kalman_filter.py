@@ -129,7 +129,7 @@ class EstimatorState(NamedTuple):
 
 
 def estimator_at_rest(lateral_error_m: float) -> EstimatorState:
-    """Return the estimate of a vehicle at rest beside its path, before the first sample."""
+    """Return the estimate of a vehicle at rest next to its path, before the first sample."""
     return EstimatorState(-1, 0.0, 0.0, 0.0, lateral_error_m, 0.0, 0.0, 0.0)
 
 

@@ -17,7 +17,7 @@ from ..codec.protection import header_bits
 
 
 def load_database() -> Database:
-    """Read the DBC beside this file; raises ContractError."""
+    """Read the DBC of this distribution; raises ContractError."""
     try:
         text = Path(__file__).parents[1].joinpath(FILE).read_text("ascii")
     except (OSError, UnicodeDecodeError) as error:

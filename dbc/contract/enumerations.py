@@ -110,7 +110,7 @@ class MotionRequest(IntEnum):
     SLOW_DOWN = 1
     """Speed, delay or vehicle are beyond what its settings were designed for."""
     STOP = 2
-    """The vehicle does not go forward, or nobody steers."""
+    """The vehicle does not go forward, or no one steers."""
 
 
 class EchoState(IntEnum):

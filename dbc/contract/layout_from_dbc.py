@@ -1,4 +1,4 @@
-"""Writes ``generated_layout.py`` from the DBC beside it, to be run after a change of the DBC.
+"""Writes ``generated_layout.py`` from the DBC; to be run after each change of the DBC.
 
 python -m steer_by_wire.dbc.contract.layout_from_dbc
 """

@@ -1,7 +1,7 @@
 """The key of authenticated frames: from a file that only its owner can read, and never shown.
 
 The file contains 32 hexadecimal digits (AES-128) on one line. It must be a regular file, not a
-symbolic link, owned by this user or root, that nobody else may read or write; so nobody else can
+symbolic link, owned by this user or root, that no one else may read or write; so no one else can
 have put it there either. Otherwise it is refused with a one-line error that never shows any of its
 content.
 

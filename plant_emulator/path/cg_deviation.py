@@ -2,11 +2,11 @@
 
 The lateral error on the bus is that of the preview point, d ahead of the CG. On a bend the two
 differ by decimetres: a preview point held on the path leaves the CG inside it. In the frame of the
-path beside the preview point, x along it, the CG is at
+path at the preview point, x along it, the CG is at
 
     (-d cos Δψ, y - d sin Δψ)
 
-The path is followed back by d, across whole pieces by its stored poses. That ends close beside the
+The path is followed back by d, across whole pieces by its stored poses. That ends close to the
 CG: at (e, w) in the frame of that end, with e some centimetres. The deviation is then
 w - ρ e²/(2 (1 - ρ w)), to the third order of e.
 """

@@ -11,7 +11,7 @@ left. The lane offset of 3.5 m is taken from the right edge of section 1, with w
 sections 5 and 6 are in line, to that of section 3.
 
 The body is a rectangle. It is outside where a side of it is beyond an edge between the first and
-the last cone of a section: at a corner, or at a cone that it leaves beside it.
+the last cone of a section: at a corner, or at a cone next to it.
 """
 
 import math

@@ -24,7 +24,7 @@ def through_corridor(settings: CorridorSettings) -> Path:
     """Return the path with the longest lane changes that leave half of the free space.
 
     A body that follows it with its centre of gravity keeps half of what the narrowest section
-    leaves beside it from every edge.
+    leaves to every edge.
     """
     corridor = cones_and_body(settings)
     first, third, fifth, _ = corridor.sections

@@ -31,7 +31,7 @@ class DisturbanceInterval(NamedTuple):
 
 
 class Load(NamedTuple):
-    """What acts on the vehicle beside the curvature of its path."""
+    """Disturbances of the vehicle: all that acts on it but the curvature of its path."""
 
     side_force_n: float = 0.0
     yaw_moment_n_m: float = 0.0

@@ -4,8 +4,8 @@ Every change of the inputs is an event at a whole nanosecond: a command, the end
 ramp, a break point of the path, a step of a disturbance. `advance_motion` goes from event to event
 in closed form, so the result does not depend on how often it is called.
 
-Time counts from the start of motion. The arc length s = V t is that of the point of the path beside
-the preview point, not beside the centre of gravity. Only then is (1) exact: it has y at the preview
+Time counts from the start of motion. The arc length s = V t is that of the point of the path at
+the preview point, not at the centre of gravity. Only then is (1) exact: it has y at the preview
 point, and Δψ and ρ without a preview distance. So ρ(s) both drives (1) and is the preview
 curvature, and the centre of gravity starts `preview_distance_m` behind the path's start.
 """

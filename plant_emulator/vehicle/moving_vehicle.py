@@ -99,7 +99,7 @@ class Motion:
 
     @property
     def heading_error_rad(self) -> float:
-        """Heading error Δψ against the path beside the preview point."""
+        """Heading error Δψ against the path at the preview point."""
         return self.linear[PSI]
 
     @property
@@ -142,7 +142,7 @@ class Motion:
 
     @property
     def preview_curvature_1_m(self) -> float:
-        """Curvature ρ of the path beside the preview point."""
+        """Curvature ρ of the path at the preview point."""
         return self.linear[RHO]
 
     @property

@@ -11,10 +11,10 @@
 
     β   side_slip_rad       of the velocity of the centre of gravity (CG) against the vehicle's axis
     r   yaw_rate_rad_s
-    Δψ  heading_error_rad   against the path's tangent beside the preview point
+    Δψ  heading_error_rad   against the path's tangent at the preview point
     y   lateral_error_m     of the preview point, which lies l_s ahead of the CG
     δ   steering angle of the front wheel [rad]
-    ρ   curvature of the path beside the preview point [1/m]: there y' is exact as printed
+    ρ   curvature of the path at the preview point [1/m]: there y' is exact as printed
     wβ, wr   disturbance accelerations of side slip [rad/s] and yaw rate [rad/s²], not in the paper
 
 Corrected against the printed (2): a22 divides by J V (printed J V², which is no 1/s), and the yaw

@@ -50,7 +50,7 @@ def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
     """Run the block in real time, as far as the host grants it; yields the answers.
 
     Afterwards the program has its ordinary priority again, so that writing its report does not
-    delay others. Affinity, memory lock and timer slack stay: they delay nobody.
+    delay others. Affinity, memory lock and timer slack stay: they delay no one.
     """
     answers = [_timer_slack()]
     if request.cpu is not None:

@@ -2,7 +2,7 @@
 
 The loop of the node never waits for it. Between two ticks, ``Observer`` compares and formats, which
 takes some ten microseconds; a thread of its own writes. A terminal that is stopped or a pipe that
-nobody reads holds up that thread alone, and what does not fit in its queue is dropped.
+no one reads holds up that thread alone, and what does not fit in its queue is dropped.
 
 However fast a node changes, the lines stay few: a state has at most STATE_LINES at once and one
 every STATE_NS after that, a count one every COUNT_NS.
@@ -80,7 +80,7 @@ class Screen:
         while waiting := self._queue.get():
             try:
                 self._write(waiting)
-            except OSError:  # nobody reads any more, or the disk is full
+            except OSError:  # no one reads any more, or the disk is full
                 self.dropped += 1
 
 

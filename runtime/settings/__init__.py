@@ -1,6 +1,6 @@
 """Settings of any program: from TOML to frozen models, and every mistake in one line.
 
-Not here: the tables themselves, which stand beside their subjects.
+Not here: the tables themselves, which stand with their subjects.
 Begin at ``settings.py``, whose names this package hands on.
 """
 

@@ -30,7 +30,7 @@ from ..exit_status import UserError, printable
 from .mistakes import KeyPath, Schema, dotted, explain, hint, schema_of
 
 OffWord = Annotated[Literal["off"], Tag("word")]
-"""Stands for no limit, beside a number with ``Tag("number")``: TOML has no null."""
+"""Stands for no limit, in place of a number with ``Tag("number")``: TOML has no null."""
 NUMBER_OR_WORD = Discriminator(lambda value: "word" if isinstance(value, str) else "number")
 """Selects one of the two, so that a mistake is reported once."""
 DIGESTS = "files.sha256"

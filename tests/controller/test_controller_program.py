@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.controller import program
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check_in_words import check_text
+from steer_by_wire.controller.command_line import program
+from steer_by_wire.controller.command_line.program import check_main, main
 from steer_by_wire.controller.node.modes import supervision_of
-from steer_by_wire.controller.program import check_main, main
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings
 from steer_by_wire.dbc.messages import SteeringCommand, limits
 from steer_by_wire.runtime.exit_status import ExitStatus

@@ -26,10 +26,10 @@ from tests.fuzz.traffic import Choices
 
 WORDS_MAX = 8
 _STOPS: Mapping[str, tuple[str, ...]] = {
-    "controller.program": (
+    "controller.command_line.program": (
         "runtime.program.run_node.open_port", ".check_figures", ".check_text", ".found_in",
     ),
-    "plant_emulator.program": ("runtime.program.run_node.open_port",),
+    "plant_emulator.command_line.program": ("runtime.program.run_node.open_port",),
     "tools.bus.program": (".listening",),
     "tools.analyze.__main__": ("tools.analyze.pictures.draw_pictures",),
     "tools.run.__main__": (

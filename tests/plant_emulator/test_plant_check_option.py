@@ -4,8 +4,11 @@ import tomllib
 
 import pytest
 
-from steer_by_wire.plant_emulator.check_option import check_text, understeer_gradient_s2_m
-from steer_by_wire.plant_emulator.program import main
+from steer_by_wire.plant_emulator.command_line.check_option import (
+    check_text,
+    understeer_gradient_s2_m,
+)
+from steer_by_wire.plant_emulator.command_line.program import main
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import load_settings

@@ -23,8 +23,8 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
+from steer_by_wire.plant_emulator.command_line.program import main
 from steer_by_wire.plant_emulator.evaluation.run_record import PlacedSample, PlantSample
-from steer_by_wire.plant_emulator.program import main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from tests.support.frames.made_messages import command_of

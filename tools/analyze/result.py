@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ...plant_emulator import fail_if_quantities
+from ...plant_emulator.command_line import fail_if_quantities
 from ...runtime.program.fail_if_conditions import Quantity, of_part
 from .report import milliseconds
 

@@ -29,7 +29,7 @@ from ...runtime.program.stop_request import StopRequest
 
 PERIOD_NS = 10 * NS_PER_MS
 RELEASED_NS = 500 * NS_PER_MS
-"""After so long without a report of the page nobody steers."""
+"""After so long without a report of the page no one steers."""
 _CONTENT = struct.Struct("=qd")
 _EMPTY = _CONTENT.pack(-RELEASED_NS, 0.0)
 
@@ -49,7 +49,7 @@ class HandFile:
         self._map[:] = _CONTENT.pack(now_ns, steer_rad)
 
     def read(self, now_ns: int) -> float | None:
-        """Return the angle; None when nobody steers."""
+        """Return the angle; None when no one steers."""
         time_ns, steer_rad = _CONTENT.unpack(self._map[:])
         return steer_rad if now_ns - time_ns < RELEASED_NS else None
 
@@ -91,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     opened = open_port(options, can_ids=())
     with shutting_down(opened.port), stop.on_signals():
         start_ns = time.monotonic_ns()
-        hand: Any = HandNode(HandFile(options.file), start_ns)  # nobody asks it for a report
+        hand: Any = HandNode(HandFile(options.file), start_ns)  # no one asks it for a report
         node = read_language(options.dialect).at_edge(hand, End.CONTROLLER, start_ns)
         RealTimeExecutor(node, opened.port).run(stop)
     return 0

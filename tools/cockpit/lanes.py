@@ -86,7 +86,7 @@ class OwnLanes:
 
     ``lanes``, ``facts``  one a pair
     ``bus``               description of the bus
-    ``hand``              where the visitor's angle goes; None where nobody can steer
+    ``hand``              where the visitor's angle goes; None where no one can steer
     """
 
     def __init__(

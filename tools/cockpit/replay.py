@@ -45,7 +45,7 @@ def read_replay(
 def read_replays(
     files: Sequence[Path], channel: str | None = None, listening: Listening = OUR_MESSAGES
 ) -> bytes:
-    """Return the block of recordings beside each other, each from its first frame on."""
+    """Return the block of recordings next to each other, each from its first frame on."""
     replays = [_replay([file], channel, listening) for file in files]
     lanes = [replay.lane(lane, files[lane].stem) for lane, replay in enumerate(replays)]
     return _block(lanes, _names(files) + "".join(replay.cut_off for replay in replays))

@@ -57,7 +57,7 @@ class Place:
         self._newest = (now_ns, message)
 
     def at(self, now_ns: int) -> Pose:
-        """Return the pose of the path beside the preview point."""
+        """Return the pose of the path at the preview point."""
         if self._newest is None:
             return _START if self._path is None else pose(self._path, 0.0)
         way_m = min(self._way_m(now_ns, self._newest), _SILENT_S * self._newest[1].speed_m_s)

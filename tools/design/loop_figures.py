@@ -42,7 +42,7 @@ from ...runtime.array_types import ComplexArray, FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 
 HEADING_NOISE_1_M = 0.1
-"""Noise of the heading error over that of the lateral error: 2 mrad beside 20 mm, as the predictor
+"""Noise of the heading error over that of the lateral error: 2 mrad to 20 mm, as the predictor
 is designed for."""
 
 

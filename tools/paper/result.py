@@ -45,7 +45,7 @@ CLAIM, NUMBER = "claim", "number"
 
 
 class Comparison(NamedTuple):
-    """One figure of the paper beside ours, as text with units.
+    """One figure of the paper and ours, as text with units.
 
     ``published``   what the paper prints, or states in words; "" where it states nothing
     ``reproduced``  what was computed

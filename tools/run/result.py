@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 from ...closed_loop.lockstep.node import LockstepNode
 from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from ...closed_loop.pair.virtual_bus import SharedBus
-from ...controller import fail_if_quantities as controller_quantities
+from ...controller.command_line import fail_if_quantities as controller_quantities
 from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.edge import translated_text
-from ...plant_emulator import fail_if_quantities as plant_quantities
+from ...plant_emulator.command_line import fail_if_quantities as plant_quantities
 from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from .request import BackendError, Request
 
 BACKENDS = ("host", "namespace", "uml")
-"""Modules beside this one."""
+"""Modules of this folder."""
 PACKAGES = "user-mode-linux kmod can-utils iproute2"
 """Of Debian and Ubuntu, for all backends but the host's own kernel."""
 

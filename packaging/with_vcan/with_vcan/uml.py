@@ -149,7 +149,7 @@ def _kernel_command(
         "rootflags=/",
         "rw",
         "quiet",
-        "pty.legacy_count=0",  # it would make 512 devices that nobody opens: half of the boot
+        "pty.legacy_count=0",  # it would make 512 devices that nothing opens: half of the boot
         "initcall_blacklist=raid6_select_algo",  # it would try for 0.4 s how to compute RAID 6
         "con=null",
         "con0=null,fd:1",

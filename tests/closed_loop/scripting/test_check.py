@@ -5,7 +5,7 @@ import json
 import pytest
 
 from steer_by_wire import SettingsError, check
-from steer_by_wire.controller.program import check_main
+from steer_by_wire.controller.command_line.program import check_main
 
 
 def test_the_library_says_what_the_command_says(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 import pytest
 
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
-from steer_by_wire.controller import program
+from steer_by_wire.controller.command_line import program
 from steer_by_wire.controller.history.sensor_rate import NO_RATE, RateState, rate_step
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import pytest
 
-from steer_by_wire.controller.fail_if_quantities import QUANTITIES
+from steer_by_wire.controller.command_line.fail_if_quantities import QUANTITIES
+from steer_by_wire.controller.command_line.program import ENDING
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.report_in_words import verdict_text
-from steer_by_wire.controller.program import ENDING
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
 from steer_by_wire.plant_emulator.node.node import PlantNode

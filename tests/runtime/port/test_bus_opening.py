@@ -13,7 +13,7 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
-from steer_by_wire.controller.program import main
+from steer_by_wire.controller.command_line.program import main
 from steer_by_wire.runtime.exit_status import BusError, ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port import interface_choice

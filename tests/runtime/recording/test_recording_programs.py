@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
-from steer_by_wire.plant_emulator import program as plant_program
+from steer_by_wire.plant_emulator.command_line import program as plant_program
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.recording import recorder

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from steer_by_wire.controller import program
+from steer_by_wire.controller.command_line import program
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, Rejection, SteeringCommand, decode, encode

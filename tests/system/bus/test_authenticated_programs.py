@@ -9,7 +9,7 @@ import can
 import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
-from steer_by_wire.controller.program import main as controller_main
+from steer_by_wire.controller.command_line.program import main as controller_main
 from steer_by_wire.dbc.edge import AUTHENTICATED, UNAUTHENTICATED
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
@@ -18,7 +18,7 @@ from steer_by_wire.dbc.messages import (
     SteeringCommand,
     encode,
 )
-from steer_by_wire.plant_emulator.program import main as plant_main
+from steer_by_wire.plant_emulator.command_line.program import main as plant_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.message import frame_of, message_of
@@ -189,7 +189,8 @@ def test_a_bus_for_classic_frames_only_is_one_line_and_status_3(tmp_path: Path, 
 
 def test_a_program_without_a_key_does_without_cryptography() -> None:
     code = (
-        "import sys, steer_by_wire.controller.program, steer_by_wire.plant_emulator.program;"
+        "import sys, steer_by_wire.controller.command_line.program;"
+        "import steer_by_wire.plant_emulator.command_line.program;"
         "sys.exit('cryptography' in sys.modules or 'cantools.autosar' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

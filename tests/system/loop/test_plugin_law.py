@@ -15,7 +15,7 @@ from steer_by_wire.closed_loop.compiled.law_code import LawNotCompiledError
 from steer_by_wire.closed_loop.compiled.step_functions import ForeignParamsError
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
-from steer_by_wire.controller import program
+from steer_by_wire.controller.command_line import program
 from steer_by_wire.controller.laws import plugin_law
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.node.node import ControllerNode

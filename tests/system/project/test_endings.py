@@ -7,10 +7,10 @@ from random import Random
 import pytest
 
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
-from steer_by_wire.controller.program import check_main
-from steer_by_wire.controller.program import main as controller_main
+from steer_by_wire.controller.command_line.program import check_main
+from steer_by_wire.controller.command_line.program import main as controller_main
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.plant_emulator.program import main as plant_main
+from steer_by_wire.plant_emulator.command_line.program import main as plant_main
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.tools.analyze.__main__ import main as analyze_main

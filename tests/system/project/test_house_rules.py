@@ -101,8 +101,9 @@ def test_a_node_loads_no_bus_and_nothing_heavy() -> None:
 
 def test_programs_start_with_nothing_heavy() -> None:
     """Start-up time is a promise: these do without numba, scipy and matplotlib, some at first."""
-    programs = "steer_by_wire.controller.program, steer_by_wire.plant_emulator.program"
-    programs += "".join(f", steer_by_wire.tools.{name}.__main__" for name in ("study", "design"))
+    nodes = (f"{name}.command_line.program" for name in ("controller", "plant_emulator"))
+    tools = (f"tools.{name}.__main__" for name in ("study", "design"))
+    programs = ", ".join(f"steer_by_wire.{name}" for name in (*nodes, *tools))
     assert loaded(programs, "cantools numba scipy matplotlib rich") == []
 
 

@@ -11,7 +11,7 @@ const SIGNAL_STYLES = {
   cg_deviation_m: ["lane-1", [5, 3]],
   uplink_s: ["lane-1", [5, 3]],
 };
-const STEP_PIXELS = 2; // to draw them anew for less would show nothing more
+const STEP_PIXELS = 2; // to draw them again for less would show nothing more
 const FONT = "11px system-ui, sans-serif";
 
 export class Charts {
@@ -40,7 +40,7 @@ export class Charts {
     this.setZoom(null);
   }
 
-  // Make the charts anew: other lanes, or other colours.
+  // Make the charts again: other lanes, or other colours.
   build() {
     for (const { plot } of this.plots) plot.destroy();
     this.box.replaceChildren();

@@ -86,7 +86,7 @@ export class Drive {
     this.start(this.rounds[(titles.indexOf(this.scenario?.title) + 1) % titles.length]);
   }
 
-  // For the next visitor, when nobody has taken the wheel for a minute.
+  // For the next visitor, when no one has taken the wheel for a minute.
   welcome() {
     this.start(this.rounds[0]);
   }

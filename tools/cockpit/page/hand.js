@@ -2,7 +2,7 @@
 
 const PER_S = 1.6; // how fast a key turns, and how fast a wheel that was let go returns
 const RIM = 0.4; // radius of the rim over the width of the picture
-const HUB = 0.3; // of the rim's radius: whoever takes the wheel there pulls it as at the top
+const HUB = 0.3; // of the rim's radius: who takes the wheel there pulls it as at the top
 const DEAD = 0.04; // of a stick in its middle
 
 export class Hand {

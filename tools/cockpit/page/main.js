@@ -15,7 +15,7 @@ import { startTheme } from "cockpit/theme.js";
 import { byId, element, pressed, setText } from "cockpit/words.js";
 
 const TOAST_MS = 6000;
-const READ_S = 0.1; // nobody reads figures that change more often
+const READ_S = 0.1; // no one reads figures that change more often
 
 // What all parts of the page share.
 const app = {
@@ -185,7 +185,7 @@ startKeys({
   "r": ["record", press("record")], "t": ["dark or light", toggleTheme],
   ...Object.fromEntries([1, 2, 3, 4].map((lane) => [String(lane), ["", () => app.selectLane(lane - 1)]])),
 });
-window.cockpit = app; // for whoever looks at the page from outside
+window.cockpit = app; // for a look at the page from outside
 const recording = await readRecording();
 if (recording) startReplay(recording);
 else startLive();

@@ -13,7 +13,7 @@ export class Setup {
       element("button", { type: "button", className: "scenario", title: one.note, ariaPressed: String(one.title === scenario?.title), onclick: () => this.start(one) }, one.title));
     const note = element("p", { className: "note" }, scenario?.note ?? "");
     const own = element("details", {}, element("summary", {}, "Choose law, vehicle, path …"), this.form());
-    return element("div", { className: "group" }, element("h2", {}, "Start anew"), ...buttons, note, own);
+    return element("div", { className: "group" }, element("h2", {}, "Start again"), ...buttons, note, own);
   }
 
   start(scenario) {
@@ -64,7 +64,7 @@ export class Setup {
   recording() {
     this.record = element("button", { type: "button", id: "record", title: "Record every frame (R)", onclick: () => this.toggleRecord() }, "Record");
     this.files = element("div", { className: "row" });
-    const reset = element("button", { type: "button", title: "Let RMS and peak start anew", onclick: () => this.app.wish({ do: "reset" }) }, "Reset RMS");
+    const reset = element("button", { type: "button", title: "Let RMS and peak start again", onclick: () => this.app.wish({ do: "reset" }) }, "Reset RMS");
     return element("div", { className: "group" }, element("h2", {}, "Record"), element("div", { className: "row" }, this.record, reset), this.files);
   }
 

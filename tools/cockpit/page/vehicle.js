@@ -1,4 +1,4 @@
-// The vehicle's outline with wheels that steer, and the three steering angles beside each other.
+// The vehicle's outline with wheels that steer, and the three steering angles next to each other.
 
 import { colour } from "cockpit/theme.js";
 import { fixed } from "cockpit/words.js";

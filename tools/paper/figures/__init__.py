@@ -1,4 +1,4 @@
-"""The figures of the paper: computed here, beside what was published.
+"""The figures of the paper: computed here, and what was published.
 
 Not here: the table, the runs and the index page (`tools.paper`). Begin at `delay_figures.py`.
 """

@@ -75,7 +75,7 @@ def figure_10() -> Reproduction:
 
 
 def figure_11() -> Reproduction:
-    """Return |y/r| at the four vertices with DOB, and the spread beside that of Figure 10."""
+    """Return |y/r| at the four vertices with DOB, and the spread next to that of Figure 10."""
     both = corner_spreads("pd"), corner_spreads("pd_dob")
     closed = [one.closed_loop.spread_at(SPREAD_AT_RAD_S) for one in both]
     plant = [one.regulated.spread_at(SPREAD_AT_RAD_S) for one in both]

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dbc.messages import (
+from ...dbc.messages import (
     LateralError,
     Message,
     PlantStatus,
@@ -20,17 +20,17 @@ from ..dbc.messages import (
     limits,
     resolutions,
 )
-from ..runtime.node import NS_PER_MS
-from ..runtime.settings.toml_text import dump_toml
-from .network.settings import LatencySettings
-from .node.plant_status import PERIOD_NS
-from .path.path import Path
-from .sensors.sampling import samples_per_vehicle_state
-from .settings import PlantSettings, plant_motion_params
-from .steering.safety_limiter import AVERAGING_S, Cause
-from .steering.settings import design_guard
-from .vehicle.moving_vehicle import AnyMotionParams
-from .vehicle.steady_turn import steady_steer_m, understeer_gradient_s2_m, wheelbase_m
+from ...runtime.node import NS_PER_MS
+from ...runtime.settings.toml_text import dump_toml
+from ..network.settings import LatencySettings
+from ..node.plant_status import PERIOD_NS
+from ..path.path import Path
+from ..sensors.sampling import samples_per_vehicle_state
+from ..settings import PlantSettings, plant_motion_params
+from ..steering.safety_limiter import AVERAGING_S, Cause
+from ..steering.settings import design_guard
+from ..vehicle.moving_vehicle import AnyMotionParams
+from ..vehicle.steady_turn import steady_steer_m, understeer_gradient_s2_m, wheelbase_m
 
 _POINTS = 4000
 """Points of the path at which the demand is computed."""

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from ..runtime.program.fail_if_conditions import Quantity, Report
-from .evaluation.run_verdict import Verdict
+from ...runtime.program.fail_if_conditions import Quantity, Report
+from ..evaluation.run_verdict import Verdict
 
 
 def _driven(key: str) -> Quantity:

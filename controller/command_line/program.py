@@ -10,34 +10,34 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.bus_language import add_dialect_argument, read_language
-from ..dbc.edge import add_key_file_argument, open_edge
-from ..runtime.command_line import add_json_argument, command_parser, offer, run_main, say
-from ..runtime.node import ReportingNode
-from ..runtime.node.end import End
-from ..runtime.program.fail_if_conditions import (
+from ...dbc.bus_language import add_dialect_argument, read_language
+from ...dbc.edge import add_key_file_argument, open_edge
+from ...runtime.command_line import add_json_argument, command_parser, offer, run_main, say
+from ...runtime.node import ReportingNode
+from ...runtime.node.end import End
+from ...runtime.program.fail_if_conditions import (
     LOOP_QUANTITIES,
     Ending,
     add_fail_if_argument,
     fail_status,
 )
-from ..runtime.program.node_options import (
+from ...runtime.program.node_options import (
     add_settings_arguments,
     load_program_settings,
     make_parser,
 )
-from ..runtime.program.report import show_or_write
-from ..runtime.program.run_node import run_node
-from ..runtime.settings import SettingsError
-from .analysis.check_figures import check_figures
-from .analysis.check_in_words import check_text
-from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
-from .analysis.check_verdict import found_in
+from ...runtime.program.report import show_or_write
+from ...runtime.program.run_node import run_node
+from ...runtime.settings import SettingsError
+from ..analysis.check_figures import check_figures
+from ..analysis.check_in_words import check_text
+from ..analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
+from ..analysis.check_verdict import found_in
+from ..laws import LAWS
+from ..node.node import RECEIVED, SENT, ControllerNode
+from ..node.report_in_words import controller_summary, rare_measurements, verdict_text
+from ..settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 from .fail_if_quantities import QUANTITIES
-from .laws import LAWS
-from .node.node import RECEIVED, SENT, ControllerNode
-from .node.report_in_words import controller_summary, rare_measurements, verdict_text
-from .settings import PRESETS, ControllerSettings, on_bus, shared_vehicle
 
 NAME = "steer-by-wire controller"
 CHECK_NAME = "steer-by-wire check"

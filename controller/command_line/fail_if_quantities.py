@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from ..runtime.program.fail_if_conditions import Quantity, Report
-from .node.run_figures import ControlVerdict
+from ...runtime.program.fail_if_conditions import Quantity, Report
+from ..node.run_figures import ControlVerdict
 
 
 def _worked(key: str) -> Quantity:

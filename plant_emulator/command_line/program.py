@@ -8,24 +8,24 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.bus_language import add_dialect_argument, read_language
-from ..dbc.edge import add_key_file_argument, open_edge
-from ..runtime.command_line import output_file, run_main, say
-from ..runtime.exit_status import ExitStatus
-from ..runtime.node import ReportingNode
-from ..runtime.node.end import End
-from ..runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
-from ..runtime.program.node_options import load_program_settings, make_parser
-from ..runtime.program.run_node import run_node
-from ..runtime.settings import SettingsError
+from ...dbc.bus_language import add_dialect_argument, read_language
+from ...dbc.edge import add_key_file_argument, open_edge
+from ...runtime.command_line import output_file, run_main, say
+from ...runtime.exit_status import ExitStatus
+from ...runtime.node import ReportingNode
+from ...runtime.node.end import End
+from ...runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
+from ...runtime.program.node_options import load_program_settings, make_parser
+from ...runtime.program.run_node import run_node
+from ...runtime.settings import SettingsError
+from ..evaluation.report_in_words import plant_summary, verdict_text
+from ..evaluation.run_record import SAMPLES_MAX, write_trace
+from ..faults.messages_on_bus import messages_in, naming
+from ..faults.stage import with_faults
+from ..node.node import RECEIVED, SENT, PlantNode
+from ..settings import PRESETS, PlantSettings, plant_motion_params, shared_vehicle
 from .check_option import check_text
-from .evaluation.report_in_words import plant_summary, verdict_text
-from .evaluation.run_record import SAMPLES_MAX, write_trace
 from .fail_if_quantities import RUN_QUANTITIES
-from .faults.messages_on_bus import messages_in, naming
-from .faults.stage import with_faults
-from .node.node import RECEIVED, SENT, PlantNode
-from .settings import PRESETS, PlantSettings, plant_motion_params, shared_vehicle
 
 NAME = "steer-by-wire plant"
 ENDING = Ending({**RUN_QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
@@ -81,7 +81,7 @@ def _run(options: argparse.Namespace) -> int:
         print(check_text(settings), end="")
         return ExitStatus.OK
     params = plant_motion_params(settings)
-    # Without a trace nobody reads the samples.
+    # Without a trace nothing reads the samples.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
 
     def make_node(start_ns: int) -> ReportingNode:
