@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ...plant_emulator.path.cg_deviation import deviation_behind_m
-from .compilation import compiled
+from .compilation import compiled, compiled_inside
 
 
 @compiled
@@ -46,9 +46,17 @@ def curvatures_ahead_1_m(
     """Return ``sensors.path_ahead.curvatures_ahead_1_m`` of every place, shape (places, values)."""
     rows = np.empty((len(arc_lengths_m), values))
     for place in range(len(arc_lengths_m)):
-        for index in range(values):
-            piece, along_m = _located(path, arc_lengths_m[place] + index * spacing_m)
-            slope_1_m2 = path.curvature_slope_1_m2[piece]
-            curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * along_m
-            rows[place, index] = min(max(curvature_1_m, low_1_m), high_1_m)
+        write_ahead_1_m(path, arc_lengths_m[place], spacing_m, rows[place], low_1_m, high_1_m)
     return rows
+
+
+@compiled_inside
+def write_ahead_1_m(
+    path: Any, arc_length_m: float, spacing_m: float, row: Any, low_1_m: float, high_1_m: float
+) -> None:
+    """Write the values of one place into a row."""
+    for index in range(len(row)):
+        piece, along_m = _located(path, arc_length_m + index * spacing_m)
+        slope_1_m2 = path.curvature_slope_1_m2[piece]
+        curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * along_m
+        row[index] = min(max(curvature_1_m, low_1_m), high_1_m)

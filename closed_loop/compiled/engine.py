@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...controller.limits.designed_ranges import share_of_demand
+from ...controller.limits.designed_ranges import NOT_FORWARD_M_S, share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber, Mode
 from ...plant_emulator.path.path import Path, Pose
@@ -40,7 +40,7 @@ from ...runtime.settings.plugin import Part
 from .along_path import cg_deviations_m
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, Inbox, Uplink, quantised
-from .loop import COMPLETE, LAW_FAILED, OVERRULED, run_segment
+from .loop import COMPLETE, LAW_FAILED, OVERRULED, SPEED_CHANGED, run_segment
 from .loop_records import Constants, Instants, Records, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
 from .schedule import (
@@ -49,6 +49,7 @@ from .schedule import (
     inbox_of,
     quantised_speed_m_s,
     schedule_run,
+    speed_in_use,
     status_in_use,
 )
 
@@ -59,6 +60,10 @@ _MOTIONS_KEPT = 32
 """Motions cached for the next run with the same plant: about 2 MB each."""
 
 
+_NONE = np.empty(0, dtype=np.int64)
+_SLOWEST_M_S = 1.5 * NOT_FORWARD_M_S
+
+
 class FaultsNotCompiledError(SettingsError):
     """The settings have faults, which act on raw frames; the compiled loop has no frames."""
 
@@ -67,8 +72,8 @@ class OwnVehicleNotCompiledError(SettingsError):
     """The vehicle's equations come from another package; only the nodes integrate those."""
 
 
-class SpeedNotCompiledError(SettingsError):
-    """The law reads the speed, and that of a car varies."""
+class StandingNotCompiledError(SettingsError):
+    """The controller steers no vehicle that stands; only the nodes know when it does."""
 
 
 class _OverruledError(Exception):
@@ -168,9 +173,9 @@ def run_compiled(
                   share it
 
     Raises FaultsNotCompiledError for settings with faults, OwnVehicleNotCompiledError for a vehicle
-    of another package, SpeedNotCompiledError for a car's speed that the law reads,
-    LawNotCompiledError for a law of another package that does not compile, and NothingArrivesError
-    where no measurement would ever reach the controller.
+    of another package, StandingNotCompiledError for a car that stands, LawNotCompiledError for a
+    law of another package that does not compile, and NothingArrivesError where no measurement would
+    ever reach the controller.
     """
     if plant.faults:
         raise FaultsNotCompiledError(
@@ -182,26 +187,19 @@ def run_compiled(
             f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the plant's own equations"
             " of motion alone; leave it out, or run the nodes: steer-by-wire run"
         )
-    law = compiled_law(controller)
-    if plant.car is not None and not _ignores_speed(law, plant.car, controller):
-        raise SpeedNotCompiledError(
-            f"law = {controller.law!r} with [car]: compiled runs of a car, whose speed varies, have"
-            " laws alone that do not read the speed; run the nodes: steer-by-wire run"
+    if plant.car is not None and any(v < _SLOWEST_M_S for _, v in plant.car.profile):
+        raise StandingNotCompiledError(
+            f"car.speed below {_SLOWEST_M_S:g} m/s: compiled runs have no car that stands; drive"
+            " faster, or run the nodes: steer-by-wire run"
         )
+    law = compiled_law(controller)
     schedule = schedule_run(plant, controller) if schedule is None else schedule
     needed = law, schedule, plant, controller
     try:
-        return _run_whole(*needed, tick_status=np.empty(0, dtype=np.int64))
+        return _run_whole(*needed, tick_status=_NONE)
     except _OverruledError:
         # Few runs need it, and it costs a third of one.
         return _run_whole(*needed, tick_status=status_in_use(plant, controller, schedule))
-
-
-def _ignores_speed(law: CompiledLaw, car: CarSettings, controller: ControllerSettings) -> bool:
-    """Return whether a law steers alike at all speeds of a car."""
-    fastest_m_s = max((speed_m_s for _, speed_m_s in car.profile), default=0.0)
-    is_limited = share_of_demand(controller.demand_ranges, 1.1 * fastest_m_s) < 1.0
-    return not (law.design.looks_back or law.design.params_at is not None or is_limited)
 
 
 def _run_whole(
@@ -216,11 +214,13 @@ def _run_whole(
     design, motion = law.design, compiled_motion(plant)
     inbox = inbox_of(plant, controller, schedule, motion) if design.looks_back else None
     records = empty_records(len(schedule.sample_ns), len(schedule.tick_ns))
-    instants = Instants(*schedule[:6], tick_status)
-    world = (motion, _constants(plant, controller, schedule), instants, records, inbox)
-    samples, ticks, code = _run(
-        law, world, schedule, plant, is_own=controller.law_record.number is LawNumber.CUSTOM
-    )
+    varies = plant.car is not None
+    tick_state = speed_in_use(plant, controller, schedule) if varies else _NONE
+    instants = Instants(*schedule[:6], tick_status, tick_state)
+    reads_speed = design.params_at is not None
+    constants = _constants(plant, controller, schedule, reads_speed=reads_speed)
+    world = (motion, constants, instants, records, inbox)
+    samples, ticks, code = _run(law, world, schedule, plant, controller)
     if code == OVERRULED:
         raise _OverruledError
     played_rad = None if inbox is None or design.plan is None else inbox.played_rad
@@ -232,14 +232,14 @@ def _run(
     world: tuple[AnyMotionParams, Constants, Instants, Records, Inbox | None],
     schedule: RunSchedule,
     plant: PlantSettings,
-    *,
-    is_own: bool,
+    controller: ControllerSettings,
 ) -> tuple[int, int, int]:
     """Run all segments; returns the samples taken, the ticks done, and how the run ended."""
-    motion, _, _, records, _ = world
+    motion, constants, instants, records, inbox = world
+    varies = len(instants.tick_state) > 0
     design, samples, ticks, outcome = law.design, 0, 0, COMPLETE
     # Named until the end, because the loop has their addresses alone.
-    speed_m_s = 0.0 if design.params_at is None else quantised_speed_m_s(motion.speed_m_s)
+    speed_m_s = None if varies else quantised_speed_m_s(motion.speed_m_s)
     params, memory = law.params_at(speed_m_s), memory_of(law.memory)
     state, state_at = memory.array["state"], memory.address + KEPT_BYTES
     code = LawCode(law.step, law.plan, params.address, state_at, memory.address)
@@ -260,16 +260,28 @@ def _run(
             else:
                 state[...] = design.initial_state(error_m)
         before = Mode(segment.mode)
-        try:
-            samples, ticks, outcome = run_segment(code, *world, segment, is_start, schedule.end_ns)
-        except Exception:
-            if not is_own:
-                raise
-            # As an output without numbers: the run ends at that tick.
-            return _filled(records.lateral_error_m), _filled(records.sent_rad), LAW_FAILED
+        while True:
+            try:
+                samples, ticks, outcome = run_segment(
+                    code, motion, constants, instants, records, inbox, segment, is_start,
+                    schedule.end_ns,
+                )  # fmt: skip
+            except Exception:
+                if controller.law_record.number is not LawNumber.CUSTOM:
+                    raise
+                # As an output without numbers: the run ends at that tick.
+                return _filled(records.lateral_error_m), _filled(records.sent_rad), LAW_FAILED
+            is_start = False
+            if outcome != SPEED_CHANGED:
+                break
+            is_recovery = segment.is_recovery and ticks == segment.first_tick
+            segment = segment._replace(first_tick=ticks, is_recovery=is_recovery)
+            known_m_s = records.speed_m_s[instants.tick_state[ticks]]
+            constants = _at_speed(constants, controller, quantised_speed_m_s(known_m_s))
+            params = law.params_at(constants.speed_m_s)
+            code = code._replace(params=params.address)
         if outcome != COMPLETE:
             break
-        is_start = False
     return samples, ticks, outcome
 
 
@@ -279,10 +291,16 @@ def _filled(column: FloatArray) -> int:
 
 
 def _constants(
-    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    schedule: RunSchedule,
+    *,
+    reads_speed: bool,
 ) -> Constants:
     speed_m_s = quantised_speed_m_s(plant.vehicle.speed_m_s)
-    share = share_of_demand(controller.demand_ranges, speed_m_s)
+    share = 1.0
+    if plant.car is None:
+        share = share_of_demand(controller.demand_ranges, speed_m_s)
     return Constants(
         guard=_guard(plant.safety, plant.vehicle, plant.actuator),
         limits=controller.steer_limits,
@@ -290,7 +308,15 @@ def _constants(
         motion_start_ns=schedule.motion_start_ns,
         share=share,
         share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, schedule),
+        speed_m_s=0.0,
+        alike_to_m_s=-1.0 if reads_speed else controller.demand_ranges.tolerated_m_s_max,
     )
+
+
+def _at_speed(c: Constants, controller: ControllerSettings, speed_m_s: float) -> Constants:
+    """Return the constants once the controller knows a speed."""
+    share = share_of_demand(controller.demand_ranges, speed_m_s)
+    return c._replace(share=share, share_from_ns=0, speed_m_s=speed_m_s)
 
 
 def _speed_known_ns(

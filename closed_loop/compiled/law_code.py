@@ -59,7 +59,7 @@ class CompiledLaw(NamedTuple):
     """A law, and what the loop needs of it.
 
     ``step``, ``plan``  as in ``LawCode``
-    ``params_at``       memory with the params at a speed [m/s]
+    ``params_at``       memory with the params at a speed [m/s], None before it is known
     ``start``           some state of the law
     ``memory``          layout of ``kept``, what the loop keeps, and ``state`` behind it
     """
@@ -67,7 +67,7 @@ class CompiledLaw(NamedTuple):
     design: LawDesign
     step: int
     plan: int
-    params_at: Callable[[float], Memory]
+    params_at: Callable[[float | None], Memory]
     start: Any
     memory: np.dtype[Any]
 
@@ -123,9 +123,9 @@ def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
         ) from None  # numba's own hundred lines say nothing more
 
     @lru_cache(maxsize=_SPEEDS_KEPT)
-    def params_at(speed_m_s: float) -> Memory:
+    def params_at(speed_m_s: float | None) -> Memory:
         memory, at = memory_of(params), design.params_at
-        found = design.params if at is None else at(speed_m_s)
+        found = design.params if at is None or speed_m_s is None else at(speed_m_s)
         if found is None:
             raise LawNotCompiledError(
                 f"law = {controller.law!r}: no params at {speed_m_s:g} m/s: {design.mistake()}"

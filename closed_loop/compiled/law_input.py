@@ -38,6 +38,7 @@ from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
     COMMAND_COUNTERS,
     LateralError,
+    PathAhead,
     SteeringCommand,
     SteeringPlan,
     SteeringStatus,
@@ -45,11 +46,14 @@ from ...dbc.messages import (
     limits,
     resolutions,
 )
+from ...plant_emulator.sensors.path_ahead import CURVATURES
 from ...plant_emulator.steering.control_unit import status_of
 from ...plant_emulator.steering.hold_and_fallback import GuardState
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
+from ...plant_emulator.vehicle.car.car_motion import CarMotionParams
 from ...plant_emulator.vehicle.exact_propagation import LinearState
 from ...runtime.array_types import FloatArray, IntArray
+from .along_path import write_ahead_1_m
 from .compilation import compiled_inside
 from .memory import write
 from .step_functions import INLINE, register
@@ -76,6 +80,10 @@ _WHEEL_RAD_MAX = limits(SteeringStatus)["wheel_angle_rad"].maximum
 _HEADING_RESOLUTION_RAD = resolutions(LateralError)["heading_error_rad"]
 _YAW_RATE_RESOLUTION_RAD_S = resolutions(VehicleState)["yaw_rate_rad_s"]
 _YAW_RATE_RAD_S_MAX = limits(VehicleState)["yaw_rate_rad_s"].maximum
+_SPEED_RESOLUTION_M_S = resolutions(VehicleState)["speed_m_s"]
+_SPEED_M_S_MAX = limits(VehicleState)["speed_m_s"].maximum
+_AHEAD_LOW, _AHEAD_HIGH = CURVATURES
+PATH_RESOLUTION_1_M = resolutions(PathAhead)["curvature_0_1_m"]
 _CURVATURE_RESOLUTION_1_M = resolutions(VehicleState)["preview_curvature_1_m"]
 _CURVATURE_1_M_MAX = limits(VehicleState)["preview_curvature_1_m"].maximum
 
@@ -84,7 +92,8 @@ class Inbox(NamedTuple):
     """The controller's input: arrays of shape (arrivals,), then of shape (samples,), then numbers.
 
     ``arrival_*``       messages that the controller accepts, by ``Uplink``, in order of arrival
-    ``measured_*``      as the bus carries them, like ``wheel_rad``; written during the run
+    ``measured_*``      as the bus carries them, like ``wheel_rad``; written during the run, but a
+                        constant speed and what is ahead on the path before it
     ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written during the run
     ``buffer``          the plan that the plant plays, as the bus carries it: values of its row
     ``path_ahead_1_m``  values of each PATH_AHEAD, as on the wire; one of every ``samples_per_path``
@@ -103,7 +112,7 @@ class Inbox(NamedTuple):
     measured_curvature_1_m: FloatArray
     wheel_rad: FloatArray
     status: IntArray
-    speed_m_s: float
+    measured_speed_m_s: FloatArray
     periods_per_sample: float
     buffer: FloatArray
     played_rad: FloatArray
@@ -153,6 +162,12 @@ register(quantised)
 
 
 @compiled_inside
+def speed_on_wire_m_s(speed_m_s: float) -> float:
+    """Return the speed as VEHICLE_STATE carries it."""
+    return quantised(min(speed_m_s, _SPEED_M_S_MAX), _SPEED_RESOLUTION_M_S)
+
+
+@compiled_inside
 def wheel_on_wire_rad(wheel_rad: float) -> float:
     """Return the angle of the wheel as STEERING_STATUS carries it."""
     clamped_rad = min(max(wheel_rad, -_WHEEL_RAD_MAX), _WHEEL_RAD_MAX)
@@ -199,6 +214,15 @@ def _record(inbox: Inbox, sample: int, z: LinearState, guard: GuardState) -> Non
     inbox.status[sample] = status_of(guard, False)
 
 
+def _record_place(inbox: Inbox, p: Any, sample: int, arc_length_m: float, speed: float) -> None:
+    inbox.measured_speed_m_s[sample] = speed_on_wire_m_s(speed)
+    if len(inbox.path_ahead_1_m) > 0 and sample % inbox.samples_per_path == 0:
+        row = inbox.path_ahead_1_m[sample // inbox.samples_per_path]
+        write_ahead_1_m(p.path, arc_length_m, inbox.path_spacing_m, row, _AHEAD_LOW, _AHEAD_HIGH)
+        for index in range(len(row)):
+            row[index] = quantised(row[index], PATH_RESOLUTION_1_M)
+
+
 def _take_arrivals(inbox: Inbox, x: Known, s: Any, r: Any, now_ns: int) -> Known:
     arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end = x
     params, rings = inbox.params, inbox.rings
@@ -220,7 +244,7 @@ def _take_arrivals(inbox: Inbox, x: Known, s: Any, r: Any, now_ns: int) -> Known
         elif message == _VEHICLE_STATE:
             vehicle_sample, vehicle_ns = sample, came_ns
         else:
-            speed_m_s = inbox.speed_m_s if vehicle_sample >= 0 else 0.0
+            speed_m_s = inbox.measured_speed_m_s[vehicle_sample] if vehicle_sample >= 0 else 0.0
             ahead_1_m = inbox.path_ahead_1_m[sample // inbox.samples_per_path]
             path_end = path_step(
                 params, rings, path_end, errors, counter, inbox.path_spacing_m, ahead_1_m, speed_m_s
@@ -269,7 +293,7 @@ def _note_now(inbox: Inbox, now: Any, x: Known, tick: int, now_ns: int) -> None:
     speed_m_s = yaw_rate_rad_s = curvature_1_m = 0.0
     is_stale = False
     if x.vehicle_sample >= 0:
-        speed_m_s = inbox.speed_m_s
+        speed_m_s = inbox.measured_speed_m_s[x.vehicle_sample]
         yaw_rate_rad_s = inbox.measured_yaw_rate_rad_s[x.vehicle_sample]
         curvature_1_m = inbox.measured_curvature_1_m[x.vehicle_sample]
         is_stale = now_ns - x.vehicle_ns > inbox.params.limits.vehicle_state_ns
@@ -299,3 +323,14 @@ inbox_history = _choosing(lambda inbox: history_of(inbox.rings), without=NO_HIST
 """(inbox): returns the history that laws read."""
 note_now = _choosing(_note_now)
 """(inbox, now, known, tick, now_ns): writes what is known at a tick."""
+
+
+def record_place(*_: Any) -> Any:
+    """Record the place and the speed of a car, for compiled code; takes ``_record_place``'s."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(record_place, strict=False, jit_options=INLINE)
+def _record_place_of_car(inbox: Any, params: Any, *_: Any) -> Callable[..., Any]:
+    is_needed = not isinstance(inbox, types.NoneType) and params.instance_class is CarMotionParams
+    return _record_place if is_needed else lambda inbox, params, sample, arc_m, speed_m_s: None  # noqa: ARG005

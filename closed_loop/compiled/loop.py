@@ -45,8 +45,10 @@ from .law_input import (
     nothing_known,
     play,
     quantised,
+    record_place,
     record_played,
     record_signals,
+    speed_on_wire_m_s,
     take_arrivals,
     take_command,
     wheel_on_wire_rad,
@@ -56,9 +58,10 @@ from .loop_records import Constants, Instants, Kept, Progress, Records, Segment
 from .memory import at, called, placed, read, write
 from .step_functions import advance_motion, command_motion, place_of, start_motion
 
-COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED = range(4)
+COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED, SPEED_CHANGED = range(5)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
-is not finite; with a command that the steering overrules, in a run without ``tick_status``."""
+is not finite; with a command that the steering overrules, in a run without ``tick_status``; with a
+speed that the controller did not know before, at a tick that is to be run once more."""
 
 _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
 _HOLDING = int(GuardMode.HOLDING)
@@ -137,10 +140,12 @@ def _plant_until(
             r.yaw_rate_rad_s[at] = yaw_rate_rad_s
             r.wheel_angle_rad[at] = wheel_rad
             r.curvature_1_m[at] = curvature_1_m
-            r.arc_length_m[at], r.speed_m_s[at] = place_of(p, z)
+            arc_length_m, speed_m_s = place_of(p, z)
+            r.arc_length_m[at], r.speed_m_s[at] = arc_length_m, speed_m_s
             r.command[at] = in_effect
             reading_m = error_m + s.noise_m[at]
             record_signals(inbox, sample, linear, guard)
+            record_place(inbox, p, sample, arc_length_m, speed_m_s)
             if is_overruled(guard) and guard.mode != _HOLDING:
                 if len(s.tick_status) == 0:
                     buffered = plan, is_new, played
@@ -214,6 +219,10 @@ def _run_ticks(
         x, outcome = _plant_until(p, c, s, r, inbox, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
             return Kept(x, sent_rad, fade_rad, known), tick, outcome
+        if len(s.tick_state) > 0 and s.tick_state[now] >= 0:
+            newest_m_s = speed_on_wire_m_s(r.speed_m_s[np.uintp(s.tick_state[now])])
+            if newest_m_s != c.speed_m_s and max(newest_m_s, c.speed_m_s) > c.alike_to_m_s:
+                return Kept(x, sent_rad, fade_rad, known), tick, SPEED_CHANGED
         known = take_arrivals(inbox, known, s, r, to_ns)
         wanted_rad, acting = sent_rad, -1
         if mode == _ACTIVE:

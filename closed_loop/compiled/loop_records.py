@@ -17,6 +17,8 @@ class Constants(NamedTuple):
     ``motion_start_ns``   when the vehicle starts to move
     ``share``             of its steer that the law may ask for at this speed
     ``share_from_ns``     when the controller first knows the speed
+    ``speed_m_s``         that the controller knows, 0 for none; share and params are those for it
+    ``alike_to_m_s``      up to which speed they stay the same
     """
 
     guard: GuardParams
@@ -25,6 +27,8 @@ class Constants(NamedTuple):
     motion_start_ns: int
     share: float
     share_from_ns: int
+    speed_m_s: float
+    alike_to_m_s: float
 
 
 class Instants(NamedTuple):
@@ -38,6 +42,8 @@ class Instants(NamedTuple):
     ``noise_m``         the sensor noise of each sample's lateral error
     ``tick_status``     the sample whose STEERING_STATUS is in use at each tick, -1 for none; empty:
                         not needed unless the steering overrules a command
+    ``tick_state``      the sample whose VEHICLE_STATE is in use at each tick, -1 for none; empty:
+                        the speed is constant, or the law steers alike at any speed
     """
 
     tick_ns: IntArray
@@ -47,6 +53,7 @@ class Instants(NamedTuple):
     sample_ns: IntArray
     noise_m: FloatArray
     tick_status: IntArray
+    tick_state: IntArray
 
 
 class Records(NamedTuple):

@@ -143,6 +143,16 @@ def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSch
     )
 
 
+def speed_in_use(
+    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
+) -> IntArray:
+    """Return the sample whose VEHICLE_STATE is in use at each tick, -1 for none."""
+    samples, start_ns = len(schedule.sample_ns), schedule.motion_start_ns
+    arrivals = arrivals_of(Uplink.VEHICLE_STATE, plant, controller.counters, samples, start_ns)
+    in_use = np.searchsorted(arrivals.arrival_ns, schedule.tick_ns, side="right")
+    return np.append(-1, arrivals.sample)[in_use]
+
+
 def status_in_use(
     plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
 ) -> IntArray:
@@ -278,7 +288,7 @@ def inbox_of(
         measured_curvature_1_m=np.empty(samples),
         wheel_rad=np.empty(samples),
         status=np.empty(samples, dtype=np.int64),
-        speed_m_s=quantised_speed_m_s(motion.speed_m_s),
+        measured_speed_m_s=np.full(samples, quantised_speed_m_s(motion.speed_m_s)),
         periods_per_sample=controller.link.sensor_period_s / (controller.period_ns / NS_PER_S),
         buffer=np.zeros(ROW_LENGTH),
         samples_per_path=samples_per_vehicle_state(plant.sensor_period_ns),

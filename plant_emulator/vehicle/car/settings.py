@@ -20,11 +20,14 @@ class SpeedPoint(Settings):
 
     at_s: float | None = Field(None, ge=0.0, le=1e6)
     at_m: float | None = Field(None, ge=0.0, le=1e8)
-    speed_m_s: float = Field(ge=0.0, le=FASTEST_M_S)
-    """Never below 0: the car has no reverse gear."""
+    speed_m_s: float = Field(le=FASTEST_M_S)
 
     @model_validator(mode="after")
     def _has_one_place(self) -> Self:
+        if self.speed_m_s < 0.0:
+            raise ValueError(
+                f"speed_m_s = {self.speed_m_s:g}: the car has no reverse gear; 0 to {FASTEST_M_S:g}"
+            )
         if (self.at_s is None) == (self.at_m is None):
             raise ValueError("needs at_s or at_m, and not both")
         return self

@@ -21,20 +21,25 @@ def car_on(*overrides: str) -> Motion:
     return Motion(plant_motion_params(settings))
 
 
-def test_a_compiled_run_of_a_car_equals_the_nodes_bit_for_bit() -> None:
-    """With everything that can change: speed, grip, wind, jitter that splits steps."""
+@pytest.mark.parametrize("law", ["highway_pd", "highway_predictor"])
+def test_a_compiled_run_of_a_car_equals_the_nodes_bit_for_bit(law: str) -> None:
+    """With everything that can change: speed, grip, wind, jitter that splits steps.
+
+    One law steers less above its speed, the other has other gains at every speed.
+    """
     plant = plant_preset(
         "bmw_320i",
         [
             "duration_s=4",
-            "path={kind='circle', radius_m=60.0}",
-            "car.speed=[{at_s=0, speed_m_s=10}, {at_s=3, speed_m_s=13}]",
+            "path={kind='circle', radius_m=200.0}",
+            "car.speed=[{at_s=0, speed_m_s=15}, {at_s=3, speed_m_s=19}]",
             "car.grip=[{from_m=20, friction=0.5}]",
             "disturbance.steps=[{at_s=1.00037, side_force_n=900}]",
+            "path_ahead={}",
             "latency.downlink={model='gamma', mean_s=0.03, spread_s=0.01}",
         ],
     )
-    controller = controller_preset("highway_pd")
+    controller = controller_preset(law)
     pair = make_virtual_pair(plant, controller)
     run_virtual_nodes(pair.edge, pair.controller, None, None, waits_in_vain(pair.plant, 100))
     compiled = run_compiled(plant, controller)
