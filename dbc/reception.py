@@ -137,7 +137,7 @@ class Reception:
             raise ValueError(f"{message_type.__name__} has no counter")
         return check
 
-    def take(self, frame: Frame, now_ns: int = 0) -> Message | Cause | None:
+    def receive(self, frame: Frame, now_ns: int = 0) -> Message | Cause | None:
         """Return a frame's message, the cause of its refusal, or None if it is not received here.
 
         ``now_ns``  when it arrived

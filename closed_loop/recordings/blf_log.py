@@ -53,7 +53,7 @@ class BlfLog(LogState):
         """Yield the frames."""
         packed = _Objects(self)
         while data := self._raw.read(_READ_SIZE):
-            for kind, content in packed.take(data):
+            for kind, content in packed.objects_in(data):
                 yield from self._frames_in(kind, content)
         for kind, content in packed.end():
             yield from self._frames_in(kind, content)
@@ -70,7 +70,7 @@ class BlfLog(LogState):
             yield from self._frame(kind, content)
             return
         unpacked, damage = _unpack(content[_BASE.size :])
-        for inner in self._unpacked.take(unpacked):
+        for inner in self._unpacked.objects_in(unpacked):
             yield from self._frame(*inner)
         if damage:
             self.count_unreadable(f"{len(content)} bytes in a container: {damage}")
@@ -154,8 +154,8 @@ class _Objects:
     def __init__(self, state: LogState, *, is_lost: bool = False) -> None:
         self._state, self._is_lost, self.left = state, is_lost, b""
 
-    def take(self, piece: bytes, *, is_end: bool = False) -> Iterator[tuple[int, bytes]]:
-        """Yield type and bytes of the objects that are there."""
+    def objects_in(self, piece: bytes, *, is_end: bool = False) -> Iterator[tuple[int, bytes]]:
+        """Yield type and bytes of each object that is complete with this piece of the file."""
         data, place = self.left + piece, 0
         while (begin := data.find(_BEGIN, place)) >= 0:
             if begin > place + _PADDING_MAX:
@@ -188,7 +188,7 @@ class _Objects:
 
     def end(self) -> Iterator[tuple[int, bytes]]:
         """Yield what is there at the end; of a container that is cut off, its beginning."""
-        yield from self.take(b"", is_end=True)
+        yield from self.objects_in(b"", is_end=True)
         if len(self.left) >= _BASE.size and _BASE.unpack_from(self.left)[4] == blf.LOG_CONTAINER:
             yield blf.LOG_CONTAINER, self.left
 

@@ -93,7 +93,7 @@ class HeldPath:
                 figures.settled_after = figures.samples
             follows_cg = self._rules.followed_point == "centre_of_gravity"
             followed_m = self._smoothed(at_s, cg_deviation_m if follows_cg else error_m)
-            figures.take([(error_m, cg_deviation_m, followed_m, self._wheel_rad, self._limit)])
+            figures.add([(error_m, cg_deviation_m, followed_m, self._wheel_rad, self._limit)])
 
     def _smoothed(self, at_s: float, followed_m: float) -> float:
         recent = self._recent

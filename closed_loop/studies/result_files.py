@@ -114,7 +114,7 @@ class Store:
         for number in np.unique(numbers).tolist():
             rows = numbers == number
             chunk = self._chunk(number)
-            chunk.take(Computed(*(column[rows] for column in computed)), number * self._chunk_runs)
+            chunk.store(Computed(*(column[rows] for column in computed)), number * self._chunk_runs)
             if chunk.is_done.all():
                 self._write_chunk(number, chunk)
                 del self._open[number]
@@ -157,7 +157,7 @@ class Store:
             size = min(self._chunk_runs, self._runs - number * self._chunk_runs)
             chunk = _Chunk(size)
             if self._file(number).exists():
-                chunk.take(self._read(self._file(number)), number * self._chunk_runs)
+                chunk.store(self._read(self._file(number)), number * self._chunk_runs)
                 chunk.is_new = False
             self._open[number] = chunk
         return self._open[number]
@@ -231,8 +231,8 @@ class _Chunk:
         self.figures = np.full((size, len(COLUMNS)), np.nan)
         self.is_new = False
 
-    def take(self, computed: Computed, first: int) -> None:
-        """Take rows whose ids count from ``first``."""
+    def store(self, computed: Computed, first: int) -> None:
+        """Store rows whose ids count from ``first``."""
         places = computed.ids - first
         self.is_done[places] = True
         self.ends[places] = computed.ends

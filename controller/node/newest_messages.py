@@ -47,7 +47,7 @@ def acting_rad(
 
 
 class Received:
-    """Checks frames and stores their values.
+    """Checks frames and stores their values; nothing else writes them.
 
     ``errors``, ``statuses``, ``states``  counter and arrival of the newest frame of each message
     ``lateral_error_m``, ``heading_error_rad``, ``steering``, ``wheel_rad``, ``vehicle``
@@ -65,6 +65,27 @@ class Received:
         self.steering = SteeringStatusCode.NO_COMMAND
         self.vehicle = NO_VEHICLE
         self.unauthenticated = 0
+
+    def on_error(self, message: LateralError) -> None:
+        """Store where the vehicle is."""
+        self.lateral_error_m = message.lateral_error_m
+        self.heading_error_rad = message.heading_error_rad
+
+    def on_steering(self, message: SteeringStatus) -> None:
+        """Store what the steering does."""
+        self.steering, self.wheel_rad = message.status, message.wheel_angle_rad
+
+    def on_motion(self, message: VehicleState) -> None:
+        """Store how the vehicle moves."""
+        self.vehicle = VehicleReading(
+            speed_m_s=message.speed_m_s,
+            yaw_rate_rad_s=message.yaw_rate_rad_s,
+            preview_curvature_1_m=message.preview_curvature_1_m,
+        )
+
+    def on_unauthenticated(self) -> None:
+        """Count a frame that authentication has refused."""
+        self.unauthenticated += 1
 
     @property
     def refused(self) -> int:

@@ -24,7 +24,6 @@ from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision, overrun_rule
 from ...runtime.node.periodic import PeriodicTimer
-from ..law_interface import VehicleReading
 from ..limits.designed_ranges import NOT_FORWARD_M_S, VALIDITY_IN_WORDS
 from ..limits.fades_and_ramps import ramp_step
 from ..limits.steer_limits import limit_name, limit_step
@@ -112,10 +111,9 @@ class ControllerNode:
         """Process a frame; the response to a measurement is sent at the next tick."""
         received, bus_history = self._received, self._law.bus_history
         before_ns = received.errors.arrival_ns
-        message = received.reception.take(frame, now_ns)
+        message = received.reception.receive(frame, now_ns)
         if type(message) is LateralError:
-            received.lateral_error_m = message.lateral_error_m
-            received.heading_error_rad = message.heading_error_rad
+            received.on_error(message)
             self._supervisor.on_measurement(before_ns, now_ns)
             if bus_history is not None:
                 bus_history.on_error(message, received.errors.counter, now_ns)
@@ -125,11 +123,7 @@ class ControllerNode:
                 bus_history.on_echo(message, received.statuses.counter, now_ns)
         elif type(message) is VehicleState:
             speed_m_s = message.speed_m_s
-            received.vehicle = VehicleReading(
-                speed_m_s=speed_m_s,
-                yaw_rate_rad_s=message.yaw_rate_rad_s,
-                preview_curvature_1_m=message.preview_curvature_1_m,
-            )
+            received.on_motion(message)
             self._reported.append(
                 (message, received.heading_error_rad, received.wheel_rad, self._command_rad)
             )
@@ -145,7 +139,7 @@ class ControllerNode:
 
     def on_unauthenticated(self) -> None:
         """Record that authentication has refused a frame."""
-        self._received.unauthenticated += 1
+        self._received.on_unauthenticated()
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Compute and send a command, and report the status if due."""
@@ -272,7 +266,7 @@ class ControllerNode:
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Process the counter of the command that is applied now, and whether the steering acts."""
         code, wheel_rad = status.status, status.wheel_angle_rad
-        self._received.steering, self._received.wheel_rad = code, wheel_rad
+        self._received.on_steering(status)
         # A wheel that is limited, held or another's follows no command of this controller.
         self._command_rad = wheel_rad
         if code is _NO_COMMAND:

@@ -56,7 +56,7 @@ class CounterCheck:
         self._state, result = counter_step(self._rule, self._state, counter, now_ns)
         if result is _ACCEPTED:
             self.counter, self.arrival_ns, self._next = counter, now_ns, counter + 1
-        if content is not None and self._watch.take(counter, now_ns, content):
+        if content is not None and self._watch.on_frame(counter, now_ns, content):
             if self._watch.shows:
                 self.second_sender_ns = now_ns
             if not self._watch.newest == self.counter == counter:

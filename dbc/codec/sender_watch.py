@@ -34,8 +34,8 @@ class SenderWatch:
         """The counter that is furthest ahead; None before the first."""
         return None if self._state is None else self._state.newest
 
-    def take(self, counter: int, now_ns: int, content: object) -> bool:
-        """Take a frame that arrives at ``now_ns``; returns False for one that comes again."""
+    def on_frame(self, counter: int, now_ns: int, content: object) -> bool:
+        """Judge a frame that arrives at ``now_ns``; returns False for one that comes again."""
         contents, self.shows = self.contents, False
         if self._state is None:
             self._state = start_senders(counter, now_ns)

@@ -45,7 +45,7 @@ class CarReader:
         reading = message.read(frame.data)
         if isinstance(reading, Reading) and message.settings.counter:
             watch = self._watches[message.name]
-            watch.take(reading.counter, now_ns, frame.data)
+            watch.on_frame(reading.counter, now_ns, frame.data)
             if watch.shows and message.name not in self.second_senders:
                 self.second_senders.append(message.name)
         said = self._judged(message, reading, now_ns)

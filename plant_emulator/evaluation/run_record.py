@@ -90,7 +90,7 @@ class RunningFigures:
         self._deviation_squares_m2 = 0.0
         self._band_m = band_m
 
-    def take(self, samples: Sequence[tuple[float, float, float, float, str]]) -> None:
+    def add(self, samples: Sequence[tuple[float, float, float, float, str]]) -> None:
         """Add samples: lateral error, deviation of the centre of gravity, followed point's error.
 
         The fourth value is the wheel angle. The last names what decides about the wheel, and is
@@ -189,10 +189,10 @@ class RunRecord:
         self._process_waiting()
         return self._samples
 
-    def take(
+    def on_sample(
         self, command: SteeringCommand | None, latencies_s: tuple[float, float], limit: str
     ) -> None:
-        """Take a sample of the motion, of the command in effect, and of what limits the wheel.
+        """Record a sample of the motion, of the command in effect, and of what limits the wheel.
 
         ``latencies_s``  of that command, and of the measurement that left last
         """
@@ -239,7 +239,7 @@ class RunRecord:
                 cg_m,
             )
             self._samples.append(new_record(PlantSample, sample))
-        self._figures.take(figures)
+        self._figures.add(figures)
         self._waiting.clear()
 
 

@@ -51,7 +51,7 @@ class FaultStage:
         delayed = self._memory.delayed
         return delayed[0][0] if delayed else NEVER_NS
 
-    def take(self, frame: Frame, now_ns: int, since_ns: int) -> Sequence[Frame]:
+    def pass_on(self, frame: Frame, now_ns: int, since_ns: int) -> Sequence[Frame]:
         """Return the frames passed on for one that comes ``since_ns`` after the clock's start."""
         if frame.can_id not in self._ids:
             return (frame,)
@@ -158,7 +158,7 @@ class FaultyNode(Wrapper[N]):
             return frames
         since_ns = now_ns - self._start_ns
         for stage in stages:
-            frames = [out for frame in frames for out in stage.take(frame, now_ns, since_ns)]
+            frames = [out for frame in frames for out in stage.pass_on(frame, now_ns, since_ns)]
         return frames
 
 

@@ -61,7 +61,7 @@ class Interventions:
         """The name of the first that was refused."""
         self.newest: Intervention | None = None
 
-    def take(
+    def admit(
         self, frame: Frame, message: LatencyConfig | DisturbanceConfig, motion_ns: int
     ) -> bool:
         """Keep one if the settings allow it; returns whether they do."""

@@ -158,7 +158,7 @@ class PlantNode:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Check a frame; a command enters the downlink."""
-        received = self._reception.take(frame, now_ns)
+        received = self._reception.receive(frame, now_ns)
         if isinstance(received, STEERING):
             if self.motion_start_ns == NEVER_NS:
                 self.motion_start_ns = now_ns
@@ -168,7 +168,7 @@ class PlantNode:
             if due_ns < self.deadline_ns:
                 self.deadline_ns = due_ns
         elif isinstance(received, LatencyConfig | DisturbanceConfig):
-            if not self.interventions.take(frame, received, self._motion_ns(now_ns)):
+            if not self.interventions.admit(frame, received, self._motion_ns(now_ns)):
                 self._reception.refuse(Rejection.INTERVENTION)
             elif isinstance(received, LatencyConfig):
                 self._network.reconfigure(received)
@@ -324,7 +324,7 @@ class PlantNode:
         """Apply the commands that are due."""
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
             latency_s = (left_ns - came_ns) * 1e-9
-            command = self._plans.take(released, latency_s)
+            command = self._plans.on_command(released, latency_s)
             if command is not None:  # a plan acts from the next sample on
                 self._follow(command, latency_s, due_ns)
 
@@ -362,7 +362,7 @@ class PlantNode:
             if motion.is_finite:
                 limit = self._unit.limit or ("actuator" if is_limited else "")
                 latencies_s = (self._command_latency_s, self._network.measured_latency_s)
-                self._record.take(self._command, latencies_s, limit)
+                self._record.on_sample(self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
         if time_ns >= self._own_fault.reported_ns and self._unit.has_fallen_back:
             self.finished = True

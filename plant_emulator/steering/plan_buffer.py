@@ -41,7 +41,7 @@ class PlanBuffer:
         self._latency_s = math.nan
         self._is_new = False
 
-    def take(
+    def on_command(
         self, arrived: SteeringCommand | SteeringPlan, latency_s: float
     ) -> SteeringCommand | None:
         """Keep a plan in place of the one before; return a single command, which ends it."""

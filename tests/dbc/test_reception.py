@@ -67,18 +67,18 @@ def command(number: int, steer_rad: float = 0.1) -> Frame:
 )
 def test_a_refused_frame_is_counted_by_its_cause(frame: Frame, cause: str) -> None:
     tested = receiver()
-    assert tested.take(TRUE, 0) == ERROR_OF
-    tested.take(frame, 5 * MS)
+    assert tested.receive(TRUE, 0) == ERROR_OF
+    tested.receive(frame, 5 * MS)
     assert tested.rejected == {cause: 1}
     assert (tested.accepted, tested.refused) == (1, 1)
-    assert tested.take(encode(ERROR_OF, 1), 10 * MS) == ERROR_OF
+    assert tested.receive(encode(ERROR_OF, 1), 10 * MS) == ERROR_OF
 
 
 def test_other_identifiers_and_messages_without_counters() -> None:
     tested = receiver()
-    assert tested.take(TRUE._replace(can_id=0x7FF)) is None
+    assert tested.receive(TRUE._replace(can_id=0x7FF)) is None
     for _ in range(2):
-        assert tested.take(encode(CONFIG, 0)) == CONFIG
+        assert tested.receive(encode(CONFIG, 0)) == CONFIG
     assert (tested.accepted, tested.refused) == (2, 0)
 
 
@@ -87,8 +87,8 @@ def test_plans_and_commands_are_one_sequence() -> None:
     tested = Reception(kinds, RULE)
     for number in range(6):
         frame = command(number) if number % 2 else encode(PLAN, number)
-        assert type(tested.take(frame, 10 * number * MS)) is kinds[1 - number % 2]
-    tested.take(encode(PLAN, 5), 55 * MS)
+        assert type(tested.receive(frame, 10 * number * MS)) is kinds[1 - number % 2]
+    tested.receive(encode(PLAN, 5), 55 * MS)
     assert tested.rejected == {"repeated": 1}
 
 
@@ -96,13 +96,13 @@ def test_an_echo_of_an_own_frame_is_no_second_sender() -> None:
     tested = receiver()
     for number in range(ECHO_TICKS + 1):
         tested.on_sent([command(number)])
-    tested.take(command(1), 0)
-    tested.take(command(ECHO_TICKS), 0)
+    tested.receive(command(1), 0)
+    tested.receive(command(ECHO_TICKS), 0)
     assert (tested.refused, tested.second_sender(0)) == (0, SecondSender.NONE)
-    tested.take(command(7)._replace(flags=ERROR), 0)
+    tested.receive(command(7)._replace(flags=ERROR), 0)
     assert tested.second_sender(0) is SecondSender.NONE
     for other in (command(0), command(7, 0.2)):  # sent too long ago, and another content
-        tested.take(other, 5 * MS)
+        tested.receive(other, 5 * MS)
     assert tested.rejected == {"own_identifier": 2, "wrong_format": 1}
     assert tested.second_senders == ["STEERING_COMMAND"]
 
@@ -112,10 +112,10 @@ def test_a_second_sender_is_reported_for_a_second() -> None:
     for number in range(100):
         for now_ns, counter, value in ((10, number, 0.1), (14, number + 20, 0.2)):
             now_ns = 10 * number * MS + now_ns * MS
-            tested.take(encode(error_of(value), counter % 256), now_ns)
+            tested.receive(encode(error_of(value), counter % 256), now_ns)
             noticed_ns = now_ns
     assert tested.second_senders == ["LATERAL_ERROR"]
     assert tested.second_sender(noticed_ns + NOTICE_NS - 20 * MS) is SecondSender.PEER
-    tested.take(command(0), noticed_ns)
+    tested.receive(command(0), noticed_ns)
     assert tested.second_sender(noticed_ns) is SecondSender.BOTH
     assert tested.second_sender(noticed_ns + NOTICE_NS) is SecondSender.NONE

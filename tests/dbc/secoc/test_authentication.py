@@ -74,8 +74,8 @@ def test_no_bytes_make_an_end_raise_or_accept(
 def test_a_receiver_without_a_key_says_so() -> None:
     reception = Reception((LateralError, SteeringCommand), rule())
     _, plant_end = met()
-    assert reception.take(plant_end.secure(FROM_PLANT[0])) is Refused.NO_KEY
-    assert reception.take(FROM_PLANT[0]) == ERROR_MESSAGE
+    assert reception.receive(plant_end.secure(FROM_PLANT[0])) is Refused.NO_KEY
+    assert reception.receive(FROM_PLANT[0]) == ERROR_MESSAGE
     assert reception.rejected == {"no_key": 1}
 
 

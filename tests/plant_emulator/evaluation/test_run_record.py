@@ -65,9 +65,9 @@ def test_a_sample_is_its_lateral_error_away_from_the_path(
 
 def test_figures_by_hand() -> None:
     figures = RunningFigures(settled_after=2)
-    figures.take([(1.0, 2.0, 3.0, 0.1, ""), (-7.0, -14.0, -9.0, -0.3, "")])
+    figures.add([(1.0, 2.0, 3.0, 0.1, ""), (-7.0, -14.0, -9.0, -0.3, "")])
     assert math.isnan(figures.peaks_m.settled_m)
-    figures.take([(5.0, 10.0, -6.0, 0.2, "")])
+    figures.add([(5.0, 10.0, -6.0, 0.2, "")])
     assert figures.peaks_m._replace(outside_m=0.0) == Peaks(9.0, 6.0, 0.0)
     assert figures.samples == 3
     assert figures.lateral_error_rms_m == pytest.approx(5.0)

@@ -148,7 +148,7 @@ def test_only_the_samples_of_two_windows_are_kept() -> None:
     rules = VerdictRules(window_s=1.0)
     newest = samples_judged(rules, 60.0, 0.01)
     figures = RunningFigures(newest=newest)
-    figures.take([(0.0, 0.0, float(value), 0.0, "") for value in sine(0.2)])
+    figures.add([(0.0, 0.0, float(value), 0.0, "") for value in sine(0.2)])
     assert len(figures.newest_m) == newest == 300
     moved = list(figures.newest_m), list(figures.newest_wheel_rad)
     kept = judge(rules, *moved, RunEnd.COMPLETE, 0.0, peaks_of(sine(0.2)), 0.01, figures.samples)

@@ -198,7 +198,7 @@ def test_a_command_that_is_no_number_never_reaches_the_wheel(
     """The wire cannot carry one, so it is put behind the decoding."""
     tested = steering(link())
     monkeypatch.setattr(
-        "steer_by_wire.dbc.reception.Reception.take",
+        "steer_by_wire.dbc.reception.Reception.receive",
         lambda _self, _frame, _now_ns: command_of(math.nan, 51),
     )
     tested.node.on_frame(Frame(CAN_IDS[SteeringCommand], b""), START_NS + 51 * PERIOD_NS)
