@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 
 from ..runtime.fast_named_tuple import new_record
 from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
+from .codec.codec import FILE, codecs_of
 from .codec.codec import EncodeError as EncodeError
 from .codec.codec import Rejection as Rejection
-from .codec.codec import codecs_of
 from .codec.layout import SignalRange as SignalRange
 from .codec.protection import COUNTERS, id_mark, is_masqueraded
 from .contract.enumerations import *  # noqa: F403  all are names of this module too
 from .contract.generated_layout import LAYOUTS
+from .contract.generated_layout import VERSION as VERSION
 from .contract.message_records import *  # noqa: F403
 from .contract.message_records import MESSAGE_TYPES, Message, SteeringCommand
 
@@ -43,8 +44,12 @@ CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
 _SENDERS = {layout.name: layout.sender for layout in LAYOUTS}
 
 
+EVENTS = frozenset(kind for name, kind in MESSAGE_TYPES.items() if _SENDERS[name] == "TOOL")
+"""Messages of tools, which come and go: each acts by itself, whatever its counter."""
+
+
 def sent_by(node: str) -> tuple[type[Message], ...]:
-    """Return the messages that a node of the DBC alone sends: CONTROLLER, PLANT or TOOL."""
+    """Return the messages that a node of the DBC alone sends, as CONTROLLER or PLANT."""
     return tuple(kind for name, kind in MESSAGE_TYPES.items() if _SENDERS[name] == node)
 
 
@@ -53,6 +58,17 @@ DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
 )
 """The E2E Data ID of each message that is protected: all but those sent by hand, by a tool."""
 _ID_MARKS = frozenset(map(id_mark, DATA_IDS.values()))
+REVISIONS = (0x0800, 0x1000, 0x2000)
+"""Bits in which the Data IDs of other major revisions of the DBC differ from those of this one. One
+bit is so little that no two flipped bits of a frame look like another revision."""
+_REVISION_MARKS = {
+    CAN_IDS[kind]: frozenset(id_mark(data_id ^ bit) for bit in REVISIONS)
+    for kind, data_id in DATA_IDS.items()
+}
+OTHER_REVISION_TEXT = (
+    f"another program on the bus speaks another revision of {FILE} than this one's {VERSION}: use"
+    " one release of both"
+)
 
 CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.cycle_time_ms for message_type, codec in _CODECS.items()}
@@ -142,7 +158,7 @@ def decode(frame: Frame) -> Decoded | Rejection:
         return misfit_of(frame)
     unpacked = codec.unpack(data)
     if isinstance(unpacked, Rejection):
-        return cause_of(unpacked, data)
+        return cause_of(unpacked, can_id, data)
     return new_record(Decoded, unpacked)
 
 
@@ -159,10 +175,13 @@ def misfit_of(frame: Frame) -> Rejection:
     return Rejection.WRONG_LENGTH if len(data) != codec.length else Rejection.WRONG_FORMAT
 
 
-def cause_of(unpacked: Rejection, data: bytes) -> Rejection:
-    """Return why a payload was refused; tells that of another message from a damaged one."""
-    if unpacked is Rejection.BAD_CRC and is_masqueraded(data, _ID_MARKS):
-        return Rejection.MASQUERADED
+def cause_of(unpacked: Rejection, can_id: int, data: bytes) -> Rejection:
+    """Return why a payload was refused; tells one of another message or revision from damage."""
+    if unpacked is Rejection.BAD_CRC:
+        if is_masqueraded(data, _ID_MARKS):
+            return Rejection.MASQUERADED
+        if is_masqueraded(data, _REVISION_MARKS[can_id]):
+            return Rejection.OTHER_REVISION
     return unpacked
 
 

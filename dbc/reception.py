@@ -20,7 +20,7 @@ from .codec.sender_watch import ECHO_TICKS
 from .messages import (
     ACTIVE_CYCLE_TIMES_MS,
     CAN_IDS,
-    DATA_IDS,
+    EVENTS,
     MESSAGE_TYPES,
     NUMBERED_WITH,
     Message,
@@ -76,7 +76,7 @@ class Reception:
     ) -> None:
         self._checks = {
             CAN_IDS[message_type]: None
-            if message_type not in DATA_IDS  # sent by hand, so it has no counter
+            if message_type in EVENTS
             else CounterCheck(rule._replace(period_ns=cycle_ns(message_type)))
             for message_type in message_types
             if message_type not in NUMBERED_WITH
@@ -153,7 +153,7 @@ class Reception:
             return self.refuse(misfit_of(frame))
         unpacked = unpack(data)
         if isinstance(unpacked, Rejection):
-            return self.refuse(cause_of(unpacked, data))
+            return self.refuse(cause_of(unpacked, can_id, data))
         message, counter = unpacked
         if check is not None:
             result = check.check(counter, now_ns, data)

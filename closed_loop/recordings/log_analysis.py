@@ -283,10 +283,10 @@ class LogAnalysis:
             self._counts[name] = count
         if isinstance(message, messages.ControllerStatus):
             self._laws[messages.LawNumber(message.law).name] = None
-        elif isinstance(message, messages.DisturbanceConfig) and len(self._loads) < CONFIGS_MAX:
+        elif isinstance(message, messages.DisturbanceChange) and len(self._loads) < CONFIGS_MAX:
             at_s = None if since_ns is None else since_ns / NS_PER_S
             self._loads.append({"at_s": at_s, **message._asdict()})
-        elif isinstance(message, messages.LatencyConfig) and len(self._configs) < CONFIGS_MAX:
+        elif isinstance(message, messages.LatencyChange) and len(self._configs) < CONFIGS_MAX:
             at_s = None if since_ns is None else since_ns / NS_PER_S
             names = {"direction": message.direction.name, "model": message.model.name}
             self._configs.append({"at_s": at_s, **message._asdict(), **names})

@@ -10,6 +10,7 @@ from typing import Any
 from ...dbc.codec.sender_watch import second_sender_line
 from ...dbc.messages import (
     CAN_IDS,
+    OTHER_REVISION_TEXT,
     ControllerFault,
     LateralError,
     Mode,
@@ -199,6 +200,7 @@ class ControllerNode:
             "signals": implausible_text(self._plausibility.contradiction),
             "validity": VALIDITY_IN_WORDS[facts.validity],
             "request": REQUESTS[facts.motion_request],
+            "revision": OTHER_REVISION_TEXT if "other_revision" in reception.rejected else "",
             "failure": self._failure and f"fault: {self._failure}",
         }
         counts = {

@@ -41,6 +41,8 @@ class Rejection(StrEnum):
     """Corrupted: the CRC is not that of the content under this identifier."""
     MASQUERADED = "masqueraded"
     """The CRC is that of another message of ours, sent under this identifier."""
+    OTHER_REVISION = "other_revision"
+    """The CRC is that of another major revision of the DBC."""
     OUT_OF_RANGE = "out_of_range"
     """A signal outside its range or value table."""
     NOT_AVAILABLE = "not_available"

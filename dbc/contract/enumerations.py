@@ -145,3 +145,19 @@ class LatencyModel(IntEnum):
     NORMAL = 2
     LOGNORMAL = 3
     GAMMA = 4
+
+
+class SteeredBy(IntEnum):
+    """Who steers the road wheels."""
+
+    LAW = 0
+    DRIVER = 1
+    BOTH = 2
+
+
+class Hands(IntEnum):
+    """Whether the driver holds the hand wheel."""
+
+    UNKNOWN = 0
+    OFF = 1
+    ON = 2

@@ -10,6 +10,8 @@ def _signals(*rows: tuple[object, ...]) -> tuple[SignalLayout, ...]:
     return tuple(map(SignalLayout._make, rows))
 
 
+VERSION = "1.1"
+
 LAYOUTS: tuple[MessageLayout, ...] = (
     MessageLayout("STEERING_COMMAND", sender="CONTROLLER",
         can_id=0x100, length=8, cycle_time_ms=10, active_cycle_time_ms=10, data_id=0x5100,
@@ -44,6 +46,11 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("STEER_16", "steer_16_rad", 343, 18, True, 1e-05, -1.31071, 1.31071, "rad", -131072),
         ("STEER_17", "steer_17_rad", 361, 18, True, 1e-05, -1.31071, 1.31071, "rad", -131072),
     )),
+    MessageLayout("SPEED_REQUEST", sender="CONTROLLER",
+        can_id=0x104, length=8, cycle_time_ms=0, active_cycle_time_ms=100, data_id=0x5104,
+        signals=_signals(
+        ("SPEED_MAX", "speed_max_m_s", 24, 14, False, 0.005, 0, 81.915, "m/s", None),
+    )),
     MessageLayout("LATERAL_ERROR", sender="PLANT",
         can_id=0x110, length=8, cycle_time_ms=10, active_cycle_time_ms=10, data_id=0x5110,
         signals=_signals(
@@ -59,6 +66,13 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("APPLIED_COUNTER", "applied_counter", 42, 16, False, 1, 0, 65535, "", None),
         ("STATUS", "status", 58, 3, False, 1, 0, 6, "", None),
     )),
+    MessageLayout("STEERING_FORCE", sender="PLANT",
+        can_id=0x128, length=8, cycle_time_ms=0, active_cycle_time_ms=10, data_id=0x5128,
+        signals=_signals(
+        ("LIMITED_COMMAND", "limited_command_rad", 24, 18, True, 1e-05, -1.31071, 1.31071, "rad",
+         None),
+        ("RACK_FORCE", "rack_force_n", 42, 16, True, 1, -32767, 32767, "N", None),
+    )),
     MessageLayout("VEHICLE_STATE", sender="PLANT",
         can_id=0x130, length=8, cycle_time_ms=20, active_cycle_time_ms=20, data_id=0x5130,
         signals=_signals(
@@ -66,6 +80,12 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("YAW_RATE", "yaw_rate_rad_s", 38, 13, True, 0.0005, -2.0475, 2.0475, "rad/s", None),
         ("PREVIEW_CURVATURE", "preview_curvature_1_m", 51, 13, True, 5e-05, -0.20475, 0.20475,
          "1/m", None),
+    )),
+    MessageLayout("SHARP_PATH", sender="PLANT",
+        can_id=0x138, length=8, cycle_time_ms=0, active_cycle_time_ms=20, data_id=0x5138,
+        signals=_signals(
+        ("SHARP_CURVATURE", "sharp_curvature_1_m", 24, 20, True, 5e-05, -26.21435, 26.21435, "1/m",
+         None),
     )),
     MessageLayout("PATH_AHEAD", sender="PLANT",
         can_id=0x140, length=48, cycle_time_ms=0, active_cycle_time_ms=20, data_id=0x5140,
@@ -98,6 +118,23 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("CURVATURE_23", "curvature_23_1_m", 339, 13, True, 5e-05, -0.20475, 0.20475, "1/m", None),
         ("CURVATURE_24", "curvature_24_1_m", 352, 13, True, 5e-05, -0.20475, 0.20475, "1/m", None),
         ("CURVATURE_25", "curvature_25_1_m", 365, 13, True, 5e-05, -0.20475, 0.20475, "1/m", None),
+    )),
+    MessageLayout("HAND_WHEEL_STATE", sender="HAND_WHEEL",
+        can_id=0x180, length=8, cycle_time_ms=0, active_cycle_time_ms=10, data_id=0x5180,
+        signals=_signals(
+        ("HAND_WHEEL_ANGLE", "hand_wheel_angle_rad", 24, 16, True, 0.0004, -13.1068, 13.1068, "rad",
+         None),
+        ("HAND_WHEEL_RATE", "hand_wheel_rate_rad_s", 40, 12, True, 0.02, -40.94, 40.94, "rad/s",
+         None),
+        ("DRIVER_TORQUE", "driver_torque_n_m", 52, 12, True, 0.01, -20.47, 20.47, "N m", None),
+    )),
+    MessageLayout("HAND_WHEEL_FEEDBACK", sender="CONTROLLER",
+        can_id=0x190, length=8, cycle_time_ms=0, active_cycle_time_ms=10, data_id=0x5190,
+        signals=_signals(
+        ("FEEDBACK_TORQUE", "feedback_torque_n_m", 24, 12, True, 0.01, -20.47, 20.47, "N m", None),
+        ("STEERING_RATIO", "steering_ratio", 36, 12, False, 0.01, 0, 40.95, "", None),
+        ("ANSWERED_STATE", "answered_state", 48, 8, False, 1, 0, 255, "", None),
+        ("STEERED_BY", "steered_by", 56, 2, False, 1, 0, 2, "", None),
     )),
     MessageLayout("CONTROLLER_STATUS", sender="CONTROLLER",
         can_id=0x300, length=8, cycle_time_ms=100, active_cycle_time_ms=100, data_id=0x5300,
@@ -151,6 +188,15 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         signals=_signals(
         ("CG_DEVIATION", "cg_deviation_m", 24, 25, True, 5e-06, -83.886075, 83.886075, "m", None),
     )),
+    MessageLayout("HAND_WHEEL_STATUS", sender="HAND_WHEEL",
+        can_id=0x318, length=8, cycle_time_ms=0, active_cycle_time_ms=100, data_id=0x5318,
+        signals=_signals(
+        ("HAND_WHEEL_STATUS_MODE", "mode", 24, 3, False, 1, 0, 3, "", None),
+        ("HANDS", "hands", 27, 2, False, 1, 0, 2, "", None),
+        ("HAND_WHEEL_STATUS_SECOND_SENDER", "second_sender", 29, 2, False, 1, 0, 3, "", None),
+        ("APPLIED_TORQUE", "applied_torque_n_m", 31, 12, True, 0.01, -20.47, 20.47, "N m", None),
+        ("HAND_WHEEL_STATUS_REJECTED", "rejected", 43, 12, False, 1, 0, 4095, "", None),
+    )),
     MessageLayout("LATENCY_CONFIG", sender="TOOL",
         can_id=0x320, length=7, cycle_time_ms=0, active_cycle_time_ms=0, data_id=None,
         signals=_signals(
@@ -167,5 +213,24 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         ("YAW_MOMENT", "yaw_moment_n_m", 16, 16, True, 1, -32767, 32767, "N m", None),
         ("STEERING_OFFSET", "steering_offset_rad", 32, 16, True, 0.0001, -0.5, 0.5, "rad", None),
         ("FRICTION_LOSS", "friction_loss", 48, 8, False, 0.01, 0, 0.95, "", None),
+    )),
+    MessageLayout("LATENCY_SET", sender="TOOL",
+        can_id=0x328, length=8, cycle_time_ms=0, active_cycle_time_ms=0, data_id=0x5328,
+        signals=_signals(
+        ("LATENCY_SET_DIRECTION", "direction", 24, 2, False, 1, 1, 3, "", None),
+        ("LATENCY_SET_MODEL", "model", 26, 3, False, 1, 0, 4, "", None),
+        ("LATENCY_SET_MEAN", "mean_s", 29, 13, False, 0.0005, 0, 4.0955, "s", None),
+        ("LATENCY_SET_SPREAD", "spread_s", 42, 12, False, 0.0005, 0, 2.0475, "s", None),
+        ("LATENCY_SET_LOSS", "loss", 54, 10, False, 0.001, 0, 1, "", None),
+    )),
+    MessageLayout("DISTURBANCE_SET", sender="TOOL",
+        can_id=0x32c, length=8, cycle_time_ms=0, active_cycle_time_ms=0, data_id=0x532c,
+        signals=_signals(
+        ("DISTURBANCE_SET_SIDE_FORCE", "side_force_n", 24, 12, True, 10, -20470, 20470, "N", None),
+        ("DISTURBANCE_SET_YAW_MOMENT", "yaw_moment_n_m", 36, 12, True, 10, -20470, 20470, "N m",
+         None),
+        ("DISTURBANCE_SET_STEERING_OFFSET", "steering_offset_rad", 48, 10, True, 0.001, -0.5, 0.5,
+         "rad", None),
+        ("DISTURBANCE_SET_FRICTION_LOSS", "friction_loss", 58, 6, False, 0.02, 0, 0.94, "", None),
     )),
 )

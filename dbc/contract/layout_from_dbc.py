@@ -25,13 +25,17 @@ def _signals(*rows: tuple[object, ...]) -> tuple[SignalLayout, ...]:
     return tuple(map(SignalLayout._make, rows))
 
 
+VERSION = "{version}"
+
 LAYOUTS: tuple[MessageLayout, ...] = (
 '''
 
 
 def generated_text() -> str:
     """Return the required content of the file; raises ContractError."""
-    return _HEAD + "".join(_message_text(layout) for layout in layouts_of(load_database())) + ")\n"
+    database = load_database()
+    head = _HEAD.replace("{version}", database.version or "")
+    return head + "".join(map(_message_text, layouts_of(database))) + ")\n"
 
 
 def _message_text(layout: MessageLayout) -> str:

@@ -15,6 +15,7 @@ from .enumerations import (
     Direction,
     EchoState,
     Freshness,
+    Hands,
     LatencyModel,
     LawNumber,
     Mode,
@@ -22,6 +23,7 @@ from .enumerations import (
     SafetyState,
     SecondSender,
     ShownMassState,
+    SteeredBy,
     SteeringStatusCode,
     Validity,
 )
@@ -140,6 +142,74 @@ class DisturbanceConfig(NamedTuple):
     friction_loss: float
 
 
+class SpeedRequest(NamedTuple):
+    """Controller to plant, optional: the speed that the vehicle is asked not to exceed."""
+
+    speed_max_m_s: float
+
+
+class SteeringForce(NamedTuple):
+    """Plant to all, optional: the command after the limits, and the force on the rack."""
+
+    limited_command_rad: float
+    rack_force_n: float
+
+
+class SharpPath(NamedTuple):
+    """Plant to controller, optional: the preview curvature where VehicleState clamps it."""
+
+    sharp_curvature_1_m: float
+
+
+class HandWheelState(NamedTuple):
+    """Hand wheel to all, optional: its motion and the driver's torque."""
+
+    hand_wheel_angle_rad: float
+    hand_wheel_rate_rad_s: float
+    driver_torque_n_m: float
+
+
+class HandWheelFeedback(NamedTuple):
+    """Controller to hand wheel, optional: what its motor is to do, and who steers.
+
+    ``answered_state``  E2E counter of the HandWheelState that this answers
+    """
+
+    feedback_torque_n_m: float
+    steering_ratio: float
+    answered_state: int
+    steered_by: SteeredBy
+
+
+class HandWheelStatus(NamedTuple):
+    """Hand wheel to all, optional: its state, for supervision and watching."""
+
+    mode: Mode
+    hands: Hands
+    second_sender: SecondSender
+    applied_torque_n_m: float
+    rejected: int
+
+
+class LatencySet(NamedTuple):
+    """LatencyConfig with end-to-end protection, for programs."""
+
+    direction: Direction
+    model: LatencyModel
+    mean_s: float
+    spread_s: float
+    loss: float
+
+
+class DisturbanceSet(NamedTuple):
+    """DisturbanceConfig with end-to-end protection, for programs."""
+
+    side_force_n: float
+    yaw_moment_n_m: float
+    steering_offset_rad: float
+    friction_loss: float
+
+
 class SteeringPlan(NamedTuple):
     """Controller to plant, in place of SteeringCommand: commands for the coming time.
 
@@ -221,19 +291,30 @@ curvatures_of: Callable[[PathAhead], tuple[float, ...]] = attrgetter(*CURVATURE_
 Message: TypeAlias = (
     SteeringCommand
     | SteeringPlan
+    | SpeedRequest
     | LateralError
     | SteeringStatus
+    | SteeringForce
     | VehicleState
+    | SharpPath
     | PathAhead
+    | HandWheelState
+    | HandWheelFeedback
     | ControllerStatus
     | ControllerSafety
     | DelayStatus
     | ModelStatus
     | PlantStatus
     | GroundTruth
+    | HandWheelStatus
     | LatencyConfig
     | DisturbanceConfig
+    | LatencySet
+    | DisturbanceSet
 )
+
+LatencyChange: TypeAlias = LatencyConfig | LatencySet
+DisturbanceChange: TypeAlias = DisturbanceConfig | DisturbanceSet
 
 MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
     {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).upper(): kind for kind in get_args(Message)}

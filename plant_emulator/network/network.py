@@ -2,7 +2,7 @@
 
 import math
 
-from ...dbc.messages import Direction, LatencyConfig, SteeringCommand, SteeringPlan
+from ...dbc.messages import Direction, LatencyChange, SteeringCommand, SteeringPlan
 from ...runtime.frame import Frame
 from .latency_distributions import Distribution
 from .latency_line import LatencyLine
@@ -44,7 +44,7 @@ class Network:
             measured += [frame for _, frame in frames]
         return measured
 
-    def reconfigure(self, config: LatencyConfig) -> None:
+    def reconfigure(self, config: LatencyChange) -> None:
         """Change the latency as a tool requests."""
         model = Distribution[config.model.name]
         if config.direction in (Direction.DOWNLINK, Direction.BOTH):

@@ -1,4 +1,4 @@
-"""Live disturbances: a tool sets them by DISTURBANCE_CONFIG, in place of those of the settings.
+"""Live disturbances: a tool sets them over the bus, in place of those of the settings.
 
 A friction that no step of the settings has needs new transition tables. Computing them takes some
 tens of milliseconds, during which the plant takes no sample.
@@ -6,7 +6,7 @@ tens of milliseconds, during which the plant takes no sample.
 
 from typing import Any
 
-from ...dbc.messages import DisturbanceConfig
+from ...dbc.messages import DisturbanceChange
 from ..settings import PlantSettings
 from ..vehicle.car.car_design import car_interval
 from ..vehicle.car.car_motion import CarMotionParams
@@ -28,10 +28,10 @@ class LiveDisturbances:
         self._vehicle = vehicle_params(settings.vehicle)
         self._arm_m = settings.disturbance.side_force_arm_m
         self._designed = self._params = params
-        self._asked: DisturbanceConfig | None = None
+        self._asked: DisturbanceChange | None = None
         self.is_asked = False
 
-    def ask(self, config: DisturbanceConfig) -> None:
+    def ask(self, config: DisturbanceChange) -> None:
         """Take the request of a tool; only the newest counts."""
         self._asked, self.is_asked = config, True
 

@@ -1,13 +1,14 @@
-"""Interventions: what LATENCY_CONFIG and DISTURBANCE_CONFIG on the bus have changed of the run.
+"""Interventions: how tools on the bus have changed latency and disturbances during the run.
 
-These frames have neither counter nor CRC, and nothing proves who sent them. So a plant refuses them
+LATENCY_CONFIG and DISTURBANCE_CONFIG have neither counter nor CRC, LATENCY_SET and
+DISTURBANCE_SET have both, and nothing proves who sent any of them. So a plant refuses them
 unless its settings allow them, and keeps, prints and reports each one that it takes.
 """
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ...dbc.messages import DisturbanceConfig, LatencyConfig
+from ...dbc.messages import MESSAGE_TYPES, DisturbanceChange, LatencyChange
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ..settings import PlantSettings
@@ -23,7 +24,7 @@ class Intervention(NamedTuple):
 
     motion_ns: int
     frame: Frame
-    message: LatencyConfig | DisturbanceConfig
+    message: LatencyChange | DisturbanceChange
 
     def text(self) -> str:
         """Return it as the user reads it."""
@@ -62,7 +63,7 @@ class Interventions:
         self.newest: Intervention | None = None
 
     def admit(
-        self, frame: Frame, message: LatencyConfig | DisturbanceConfig, motion_ns: int
+        self, frame: Frame, message: LatencyChange | DisturbanceChange, motion_ns: int
     ) -> bool:
         """Keep one if the settings allow it; returns whether they do."""
         if not self._allows:
@@ -92,13 +93,13 @@ class Interventions:
         return {"count": self.count, "kept": kept}
 
 
-def _name(message: LatencyConfig | DisturbanceConfig) -> str:
-    return "LATENCY_CONFIG" if isinstance(message, LatencyConfig) else "DISTURBANCE_CONFIG"
+def _name(message: LatencyChange | DisturbanceChange) -> str:
+    return next(name for name, kind in MESSAGE_TYPES.items() if kind is type(message))
 
 
-def in_words(message: LatencyConfig | DisturbanceConfig) -> str:
+def in_words(message: LatencyChange | DisturbanceChange) -> str:
     """Return what a message asks for."""
-    if isinstance(message, LatencyConfig):
+    if isinstance(message, LatencyChange):
         return (
             f"latency {message.direction.name.lower()} {message.model.name.lower()}"
             f" {1e3 * message.mean_s:g} ± {1e3 * message.spread_s:g} ms,"

@@ -24,13 +24,14 @@ enters its SAFE_STATE, reports it, and after its fallback the node has finished.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
 from ...dbc.codec.sender_watch import second_sender_line
 from ...dbc.messages import (
     CAN_IDS,
-    DisturbanceConfig,
-    LatencyConfig,
+    OTHER_REVISION_TEXT,
+    DisturbanceChange,
+    LatencyChange,
     Message,
     Mode,
     Rejection,
@@ -66,7 +67,11 @@ from .settings_without_effect import settings_without_effect
 
 STEERING = (SteeringCommand, SteeringPlan)
 """Commands: a plan may take the place of a command, and the other way round."""
-RECEIVED: tuple[type[Message], ...] = (*STEERING, LatencyConfig, DisturbanceConfig)
+RECEIVED: tuple[type[Message], ...] = (
+    *STEERING,
+    *get_args(LatencyChange),
+    *get_args(DisturbanceChange),
+)
 """What the plant receives."""
 SENT = sent_by("PLANT")
 """What the plant alone sends."""
@@ -167,10 +172,10 @@ class PlantNode:
             due_ns = self._network.downlink.next_due_ns
             if due_ns < self.deadline_ns:
                 self.deadline_ns = due_ns
-        elif isinstance(received, LatencyConfig | DisturbanceConfig):
+        elif isinstance(received, LatencyChange | DisturbanceChange):
             if not self.interventions.admit(frame, received, self._motion_ns(now_ns)):
                 self._reception.refuse(Rejection.INTERVENTION)
-            elif isinstance(received, LatencyConfig):
+            elif isinstance(received, LatencyChange):
                 self._network.reconfigure(received)
             else:
                 self._live_disturbances.ask(received)
@@ -244,6 +249,7 @@ class PlantNode:
             "path": self._undrivable and f"warning: {self._undrivable}",
             "intervention": self.interventions.newest_text(),
             "second sender": second_sender_line(reception.second_senders),
+            "revision": OTHER_REVISION_TEXT if "other_revision" in reception.rejected else "",
             "failure": failure and f"fault of this program: {failure}",
         }
         counts = {

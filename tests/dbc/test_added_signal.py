@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import steer_by_wire
+from steer_by_wire.dbc.messages import MESSAGE_TYPES
 
 ROOT = Path(steer_by_wire.__file__).parent
 CONTRACT = Path("steer_by_wire/dbc/contract")
@@ -60,7 +61,7 @@ def changed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     _run(folder, "-m", "steer_by_wire.dbc.contract.layout_from_dbc")
     layout = (folder / CONTRACT / "generated_layout.py").read_text(encoding="ascii")
-    assert layout.count("ADDED") == text.count("\nBO_ ") == 14
+    assert layout.count("ADDED") == text.count("\nBO_ ") == len(MESSAGE_TYPES)
     return folder
 
 

@@ -15,6 +15,7 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     CYCLE_TIMES_MS,
     DATA_IDS,
+    EVENTS,
     MESSAGE_TYPES,
     ControllerStatus,
     Decoded,
@@ -22,6 +23,7 @@ from steer_by_wire.dbc.messages import (
     Direction,
     EchoState,
     LatencyConfig,
+    LatencySet,
     Mode,
     PathAhead,
     PlantStatus,
@@ -84,7 +86,7 @@ def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() ->
                 assert message.echo_state is EchoState.UNKNOWN
             case PlantStatus():
                 assert message.safety is SafetyState.NORMAL
-            case LatencyConfig():
+            case LatencyConfig() | LatencySet():
                 assert message == (Direction.BOTH, 0, 0.0, 0.0, 0.0)
             case _:
                 assert not any(message)
@@ -106,6 +108,8 @@ def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> N
                 choices = kind.definition.choices
                 assert choices is not None
                 sent.setdefault(choices[int(kind.value)], set()).add(signal.name)
+    latency = ("DIRECTION", "MODEL", "MEAN", "SPREAD", "LOSS")
+    disturbance = ("SIDE_FORCE", "YAW_MOMENT", "STEERING_OFFSET", "FRICTION_LOSS")
     freshness = ("LATERAL_ERROR", "STEERING_STATUS", "VEHICLE_STATE")
     assert sent == {
         "OnChange": {
@@ -117,10 +121,9 @@ def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> N
             "VALIDITY",
             *(f"{name}_FRESHNESS" for name in freshness),
         },
-        "OnWrite": {
-            *("DIRECTION", "MODEL", "MEAN", "SPREAD", "LOSS"),
-            *("SIDE_FORCE", "YAW_MOMENT", "STEERING_OFFSET", "FRICTION_LOSS"),
-        },
+        "OnWrite": {*latency, *disturbance}
+        | {f"LATENCY_SET_{name}" for name in latency}
+        | {f"DISTURBANCE_SET_{name}" for name in disturbance},
     }
 
 
@@ -178,8 +181,9 @@ def test_the_e2e_parameters_are_those_both_receivers_check_with() -> None:
             is_received = message_type in CONTROLLER_RECEIVES
             rule = CONTROLLER.counters if is_received else PlantSettings().counters
             period_ns = cycle_ns(message_type)
-            step_max = 1 + (rule.lead_ns + rule.resync_ns) // period_ns
-            assert found["E2EMaxDeltaCounter"] == step_max
+            ahead_ns = rule.lead_ns + rule.resync_ns
+            step_max = 127 if message_type in EVENTS else 1 + ahead_ns // period_ns
+            assert found["E2EMaxDeltaCounter"] == step_max, definition.name
         else:
             assert not any(name.startswith("E2E") for name in found)
 
@@ -190,4 +194,7 @@ def test_what_only_a_test_rig_has_is_marked() -> None:
         for definition in DATABASE.messages
         if attributes(definition).get("RigMessage") == 1
     }
-    assert marked == {"PLANT_STATUS", "GROUND_TRUTH", "LATENCY_CONFIG", "DISTURBANCE_CONFIG"}
+    by_tools = {
+        f"{what}_{kind}" for what in ("LATENCY", "DISTURBANCE") for kind in ("CONFIG", "SET")
+    }
+    assert marked == {"PLANT_STATUS", "GROUND_TRUTH", *by_tools}

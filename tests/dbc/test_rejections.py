@@ -12,6 +12,8 @@ from steer_by_wire.dbc.contract.dbc_file import load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     DATA_IDS,
+    MESSAGE_TYPES,
+    REVISIONS,
     Decoded,
     PathAhead,
     Rejection,
@@ -26,10 +28,10 @@ from tests.support.frames.made_messages import command_of
 
 MESSAGES = load_database().messages
 LENGTH_MAX = max(message.length for message in MESSAGES)
-PROTECTED = [message for message in MESSAGES if message.senders != ["TOOL"]]
+PROTECTED = [each for each in MESSAGES if MESSAGE_TYPES[each.name] in DATA_IDS]
 COMMAND = command_of(0.12345, 1234)
 PAYLOAD = encode(COMMAND, 0).data
-NOT_INTACT = {Rejection.BAD_CRC, Rejection.MASQUERADED}
+NOT_INTACT = {Rejection.BAD_CRC, Rejection.MASQUERADED, Rejection.OTHER_REVISION}
 
 message_frames = st.builds(
     Frame, st.sampled_from(list(CAN_IDS.values())), st.binary(min_size=7, max_size=8), st.just(0)
@@ -140,7 +142,18 @@ def test_three_flipped_bits_are_always_found() -> None:
     """
     found = [decode(Frame(0x100, flip(PAYLOAD, bits))) for bits in combinations(range(64), 3)]
     assert set(found) <= NOT_INTACT
-    assert found.count(Rejection.MASQUERADED) < 0.005 * len(found)
+    assert found.count(Rejection.BAD_CRC) > 0.995 * len(found)
+
+
+@pytest.mark.parametrize("bit", REVISIONS)
+@pytest.mark.parametrize("definition", PROTECTED, ids=lambda message: str(message.name))
+def test_a_message_of_another_revision_of_the_dbc_is_known_as_such(
+    definition: Definition, bit: int
+) -> None:
+    frame = frame_of_raws(definition, {})
+    payload = bytearray(frame.data)
+    protect(payload, DATA_IDS[MESSAGE_TYPES[definition.name]] ^ bit)
+    assert decode(frame._replace(data=bytes(payload))) is Rejection.OTHER_REVISION
 
 
 @pytest.mark.parametrize("definition", PROTECTED, ids=lambda message: str(message.name))

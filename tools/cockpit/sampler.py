@@ -183,7 +183,7 @@ class Sampler:
 
     def _on_message(self, heard: ReceivedMessage, frame: Frame, now_ns: int) -> None:
         message = heard.message
-        if self._ghost and isinstance(message, messages.LatencyConfig | messages.DisturbanceConfig):
+        if self._ghost and isinstance(message, messages.LatencyChange | messages.DisturbanceChange):
             self._ghost.configure(frame, now_ns)
         if isinstance(message, messages.ControllerStatus):
             self._note_skips(message, now_ns)

@@ -2,7 +2,17 @@
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.view import plant_text
-from steer_by_wire.dbc.messages import Freshness, encode
+from steer_by_wire.dbc.codec.protection import protect
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    DATA_IDS,
+    OTHER_REVISION_TEXT,
+    REVISIONS,
+    VERSION,
+    Freshness,
+    LateralError,
+    encode,
+)
 from steer_by_wire.runtime.frame import Frame
 from tests.support.frames.made_messages import command_of, error_of
 from tests.support.nodes.controller_link import PERIOD_NS, START_NS, Link, controller_settings
@@ -78,6 +88,16 @@ def test_refused_frames_are_shown_by_cause() -> None:
     counts = tested.node.view(tested.now_ns).counts
     assert counts["frames rejected, bad_crc"] == 1
     assert counts["frames rejected, wrong_length"] == 2
+
+
+def test_a_plant_of_another_revision_of_the_dbc_is_said_in_one_line() -> None:
+    tested = link()
+    payload = bytearray(encode(error_of(0.1), 0).data)
+    protect(payload, DATA_IDS[LateralError] ^ REVISIONS[0])
+    assert tested.node.view(START_NS).states["revision"] == ""
+    tested.node.on_frame(Frame(CAN_IDS[LateralError], bytes(payload)), START_NS)
+    assert tested.node.view(START_NS).states["revision"] == OTHER_REVISION_TEXT
+    assert f"than this one's {VERSION}: use one release" in OTHER_REVISION_TEXT
 
 
 def test_skipped_periods_are_shown() -> None:

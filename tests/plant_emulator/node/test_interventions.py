@@ -14,6 +14,7 @@ from steer_by_wire.dbc.messages import (
     DisturbanceConfig,
     LatencyConfig,
     LatencyModel,
+    LatencySet,
     PlantStatus,
 )
 from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
@@ -75,6 +76,17 @@ def test_a_force_set_over_the_bus_is_shown_and_stands_in_report_and_trace(tmp_pa
         marked = [row for row in csv.DictReader(stream) if row["interventions"]]
     assert [row["interventions"] for row in marked] == [sentence]
     assert 0.998 <= float(marked[0]["time_s"]) < 1.01
+
+
+def test_a_request_with_a_crc_acts_as_one_written_by_hand() -> None:
+    by_hand, with_crc = (
+        driven(PlantSettings(), ((100, message_with(kind, direction=Direction.BOTH, mean_s=0.05)),))
+        for kind in (LatencyConfig, LatencySet)
+    )
+    assert seen(with_crc.node.samples) == seen(by_hand.node.samples)
+    assert seen(with_crc.node.samples) != seen(driven(PlantSettings()).node.samples)
+    (kept,) = with_crc.node.report()["interventions"]["kept"]
+    assert kept["message"] == "LATENCY_SET"
 
 
 def test_no_frame_of_a_tool_changes_a_plant_that_was_not_started_to_accept_them() -> None:
