@@ -24,11 +24,15 @@ _BASE = blf.OBJ_HEADER_BASE_STRUCT
 _TIMES = struct.Struct("<L4xq")
 """Flags and time: before the start, in a recorder with a pre-trigger buffer, it is negative."""
 _PADDING_MAX = 8
+_OBJECTS_LOST_MAX = 64
+"""More bytes than of so many objects are taken for one large one."""
 _TIME_UNIT_NS = {blf.TIME_TEN_MICS: 10_000}
 _ERROR_KINDS = {2, blf.CAN_ERROR_EXT, 104}
 _CLASSIC_KINDS = {blf.CAN_MESSAGE, blf.CAN_MESSAGE2}
 _FRAME_KINDS = {*_ERROR_KINDS, *_CLASSIC_KINDS, blf.CAN_FD_MESSAGE, blf.CAN_FD_MESSAGE_64}
-_REQUEST = 2
+_KIND_MAX = 255
+"""The format's own go to about 140."""
+REQUEST = 2
 """Direction of a request to send, which was not on the bus."""
 
 
@@ -61,8 +65,8 @@ class BlfLog(LogState):
             yield from self._frame(kind, content)
         if packed.left or self._whole_size > self._size:
             self.cut_off = f"{self._size} of its {max(self._whole_size, self._size + 1)} bytes"
-        if (packed.left or self._unpacked.left) and not self.unreadable:
-            self.count_unreadable("the last object has no end")
+        for objects in (packed, self._unpacked):
+            objects.count_cut_off()
 
     def _frames_in(self, kind: int, content: bytes) -> Iterator[Logged]:
         """Yield the frames of an object of the file: many in a container, or its own."""
@@ -76,10 +80,12 @@ class BlfLog(LogState):
             self.count_unreadable(f"{len(content)} bytes in a container: {damage}")
             for inner in self._unpacked.end():
                 yield from self._frame(*inner)
-            self._unpacked = _Objects(self, is_lost=True)
+            self._unpacked = _Objects(self, is_begun=True)
 
     def _frame(self, kind: int, content: bytes) -> Iterator[Logged]:
         if kind not in _FRAME_KINDS:
+            if not 0 < kind <= _KIND_MAX:
+                self.count_unreadable(f"no object has the type {kind}")
             return
         try:
             taken = self._read(kind, content)
@@ -119,7 +125,7 @@ class BlfLog(LogState):
             size = min(code, 8)
         if code > 15 or size > max(dlc2len(code), 8):
             raise ValueError
-        if direction == _REQUEST:
+        if direction == REQUEST:
             return None
         kept = (EXTENDED if can_id & blf.CAN_MSG_EXT else 0) | (REMOTE if is_remote else 0)
         kept |= (FD if is_fd else 0) | (BITRATE_SWITCH if is_switched else 0)
@@ -149,26 +155,33 @@ class _Objects:
     """Finds the objects in bytes that come in pieces, and counts what is none.
 
     ``left``  the beginning of one that is not there yet
+
+    What lies between two beginnings and is no object may be several, whose beginnings are damaged:
+    as many as have a header like the newest object's, or as it would fit in between.
     """
 
-    def __init__(self, state: LogState, *, is_lost: bool = False) -> None:
-        self._state, self._is_lost, self.left = state, is_lost, b""
+    def __init__(self, state: LogState, *, is_begun: bool = False) -> None:
+        """``is_begun``: the first bytes belong to an object whose beginning was counted."""
+        self._state, self._is_begun, self.left = state, is_begun, b""
+        self._lost, self._headers, self._why = 0, 0, ""
+        self._header, self._size = b"", SIZE_MAX
 
     def objects_in(self, piece: bytes, *, is_end: bool = False) -> Iterator[tuple[int, bytes]]:
         """Yield type and bytes of each object that is complete with this piece of the file."""
         data, place = self.left + piece, 0
         while (begin := data.find(_BEGIN, place)) >= 0:
-            if begin > place + _PADDING_MAX:
-                self._lose(f"{begin - place} bytes in which no object begins")
-            place, self._is_lost = begin, False
+            if begin > place + _PADDING_MAX or self._why:
+                self._lose(data[place:begin], "no object begins in {} bytes")
+            place, self._is_begun = begin, False
             if len(data) < begin + _BASE.size:
                 break
+            self._count_lost()
             _, _, _, size, kind = _BASE.unpack_from(data, begin)
             end = begin + size
             inside = data.find(_BEGIN, begin + len(_BEGIN), end)
             is_odd = inside >= 0 and (kind != blf.LOG_CONTAINER or (is_end and len(data) < end))
             if is_odd or not _BASE.size <= size <= SIZE_MAX:
-                self._lose(f"an object of type {kind} is not {size} bytes long")
+                self._lose(_BEGIN, f"an object of type {kind} is not {size} bytes long")
                 place = begin + len(_BEGIN)
                 continue
             follows = end + _PADDING_MAX + len(_BEGIN)
@@ -176,12 +189,14 @@ class _Objects:
                 break
             if inside >= 0 and _BEGIN not in data[end:follows]:
                 end = inside  # of a container that claims more than it has
+            self._header, self._size = data[begin + len(_BEGIN) : begin + _BASE.size], end - begin
             yield kind, data[begin:end]
             place = end
         else:
             if len(data) > place + _PADDING_MAX:
-                self._lose(f"{len(data) - place} bytes in which no object begins")
-                place = len(data) - len(_BEGIN) + 1
+                lost_end = len(data) - len(_BEGIN) + 1
+                self._lose(data[place:lost_end], "no object begins in {} bytes")
+                place = lost_end
             elif is_end:
                 place = len(data)
         self.left = data[place:]
@@ -189,11 +204,29 @@ class _Objects:
     def end(self) -> Iterator[tuple[int, bytes]]:
         """Yield what is there at the end; of a container that is cut off, its beginning."""
         yield from self.objects_in(b"", is_end=True)
-        if len(self.left) >= _BASE.size and _BASE.unpack_from(self.left)[4] == blf.LOG_CONTAINER:
+        self._count_lost()
+        if self._is_container():
             yield blf.LOG_CONTAINER, self.left
 
-    def _lose(self, why: str) -> None:
-        """Count a place at which objects are lost, once."""
-        if not self._is_lost:
-            self._state.count_unreadable(why)
-        self._is_lost = True
+    def count_cut_off(self) -> None:
+        """Count an object without an end, but for a container, whose beginning has been read."""
+        if self.left and not self._is_begun and not self._is_container():
+            self._state.count_unreadable("the last object has no end")
+
+    def _is_container(self) -> bool:
+        is_known = len(self.left) >= _BASE.size
+        return is_known and _BASE.unpack_from(self.left)[4] == blf.LOG_CONTAINER
+
+    def _lose(self, lost: bytes, why: str) -> None:
+        if not self._is_begun:
+            self._lost += len(lost)
+            self._headers += lost.count(self._header) if self._header else 0
+            self._why = self._why or why.format(len(lost))
+
+    def _count_lost(self) -> None:
+        """Count what was lost up to the beginning of the next object."""
+        fit = round(self._lost / self._size)
+        several = max(self._headers, fit if fit <= _OBJECTS_LOST_MAX else 1, 1)
+        for _ in range(several if self._why else 0):
+            self._state.count_unreadable(self._why)
+        self._lost, self._headers, self._why = 0, 0, ""

@@ -15,6 +15,8 @@ from ...runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S, NS_PER_US
 from .log_state import LogError, Logged, NoFrameError, logged
 
+_OTHER_BUSES = ("a429", "afdx", "eth", "fr", "j1708", "j1939", "l", "most", "mst", "wlan")
+"""Beginnings of events that name a bus, or a protocol above CAN, and a direction."""
 _HEXADECIMAL = re.compile(r"[0-9A-Fa-f]+", re.ASCII)
 
 
@@ -60,7 +62,7 @@ class AscReader:
             frame = self._frame(words[2:])
         elif event == "CANFD":
             event, frame = words[2], self._fd_frame(words[3:])
-        elif event[0].isalpha() and len(words) > 2:  # of another bus, or of the program
+        elif event[0].isalpha() and len(words) > 2 and not _of_can(event, words[2:]):
             return None
         else:
             raise ValueError
@@ -112,6 +114,12 @@ class AscReader:
                     "a name in place of the identifier: export it as number"
                 ) from error
             raise
+
+
+def _of_can(event: str, words: Sequence[str]) -> bool:
+    """Whether an event, which is none of CAN's in its name, has a frame of CAN behind it."""
+    is_frame = any(word.casefold() in {"rx", "tx", "txrq"} for word in words)
+    return is_frame and not event.casefold().startswith(_OTHER_BUSES)
 
 
 def _sent(direction: str, frame: Frame) -> Frame | None:
