@@ -2,12 +2,11 @@
 
 ∂Γ is the boundary of the D-stable set of roots s. A root sits on it where
 
-    K_p + K_d q(s) = f(s),   f = -1/P,   s on ∂Γ            (parameter_space.gain_loops)
+    K_p + K_d s = f(s),   f = -1/P,   s on ∂Γ               (parameter_space.gain_loop)
 
     complex root    s not real: real and imaginary part are two equations,
-                    K_d = Im f/Im q,  K_p = Re f - K_d Re q:      one point for each s, a curve
-    real root       s real: one equation, a straight line;
-                    s = -σ and s = -R, and for a sampled loop z = -e^(-σT), s = -σ + jπ/T
+                    K_d = Im f/Im s,  K_p = Re f - K_d Re s:      one point for each s, a curve
+    real root       s real: one equation, a straight line; s = -σ and s = -R
 
 (J. Ackermann, Robust Control: Systems with Uncertain Physical Parameters, 1993.) No grid of gains
 is searched. The σ line, the cone and the circle are followed only where a crossing can change the
@@ -29,13 +28,12 @@ import numpy as np
 
 from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from .d_stability import DStability
-from .gain_loops import GainLine, GainLoop
+from .gain_loop import GainLoop
 
 _OVERLAP = 1e-3  # by which a piece of ∂Γ is followed beyond its end
 _STEP = 1e-3  # from the real axis, of the smallest length at hand
 _PER_DECADE = 60
-_TURN_RAD = 0.1  # of e^(-jωT) between first samples
-_FAR = 1e7  # of R, where a curve without a strip ends
+_FAR = 1e7  # of R, where the curve of σ ends
 _MARGIN = 0.05
 """Margin around the unit square within which a curve is followed too."""
 _CHORD_ERROR = 1e-6
@@ -90,38 +88,28 @@ class BoundaryCurve(NamedTuple):
 
 
 class _End(NamedTuple):
-    """An end of a piece of ∂Γ on the real axis, where the two equations become one.
+    """The end of a piece of ∂Γ on the real axis, where the two equations become one.
 
-    The gains at the end, where the piece's parameter is ``parameter``, are extrapolated from one
-    and two steps away. With its mirror image a piece is even in the distance, so the error of a
-    point falls with the distance squared.
+    The gains there, where the piece's parameter is 0, are extrapolated from one and two steps away.
+    With its mirror image a piece is even in the distance, so the error of a point falls with the
+    distance squared.
     """
 
-    parameter: float
-    step: float  # into the piece, signed
+    step: float
     mirrored: bool
 
 
 class _Piece(NamedTuple):
-    """A piece of ∂Γ off the real axis: s of a parameter, first samples, ends on the axis."""
+    """A piece of ∂Γ off the real axis: s of a parameter, first samples, its end on the axis."""
 
     bound: Bound
     s_of: Callable[[FloatArray], ComplexArray]
     first: FloatArray
     start: _End | None
-    end: _End | None
 
 
 def boundary_curves(loop: GainLoop, spec: DStability, window: Window) -> tuple[BoundaryCurve, ...]:
-    """Return every boundary of the loop that passes through the window.
-
-    Raises ValueError where a sampled loop is too slow for the circle.
-    """
-    if spec.radius_rad_s >= loop.omega_rad_s_max:
-        raise ValueError(
-            f"the radius {spec.radius_rad_s:g} rad/s must be below π/T ="
-            f" {loop.omega_rad_s_max:.4g} rad/s of the sampled loop"
-        )
+    """Return every boundary of the loop that passes through the window."""
     complex_roots = [
         curve for piece in _pieces(loop, spec, window) for curve in _followed(loop, piece, window)
     ]
@@ -130,30 +118,29 @@ def boundary_curves(loop: GainLoop, spec: DStability, window: Window) -> tuple[B
 
 def gains_of(loop: GainLoop, s_rad_s: ComplexArray) -> FloatArray:
     """Return the gains (K_p, K_d) that put a root at each s off the real axis, shape (n, 2)."""
-    wanted, q = loop.critical(s_rad_s), loop.derivative(s_rad_s)
+    wanted = loop.critical(s_rad_s)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        k_d = wanted.imag / q.imag
-        return np.column_stack([wanted.real - k_d * q.real, k_d])
+        k_d = wanted.imag / s_rad_s.imag
+        return np.column_stack([wanted.real - k_d * s_rad_s.real, k_d])
 
 
-def real_root_line(loop: GainLoop, s_rad_s: complex) -> GainLine | None:
-    """Return where s is a root, if q and P are real there; None where no gains make it one.
+class GainLine(NamedTuple):
+    """The straight line K_p + slope K_d = constant, on which a real root is at s = slope."""
 
-    At the pole of q, the filter's s = -N, it is one without the derivative: K_d = 0.
-    """
-    point = np.array([s_rad_s], dtype=np.complex128)
-    wanted, q = loop.critical(point)[0].real, loop.derivative(point)[0].real
-    if not math.isfinite(wanted):
-        return None
-    return GainLine(-float(wanted), 1.0, float(q)) if math.isfinite(q) else GainLine(0.0, 0.0, 1.0)
+    constant: float
+    slope: float
+
+
+def real_root_line(loop: GainLoop, s_rad_s: float) -> GainLine | None:
+    """Return where a real s is a root; None where no gains make it one."""
+    wanted = float(loop.critical(np.array([s_rad_s], dtype=np.complex128))[0].real)
+    return GainLine(wanted, s_rad_s) if math.isfinite(wanted) else None
 
 
 def _pieces(loop: GainLoop, spec: DStability, window: Window) -> Iterator[_Piece]:
     """Return ∂Γ of the upper half-plane, off the real axis."""
     sigma, theta, radius = spec
-    top = loop.omega_rad_s_max
-    step = _STEP / (loop.dead_time_s + 1.0 / (sigma or radius))
-    top_step = _STEP / loop.dead_time_s if loop.dead_time_s else 0.0
+    step = _STEP * (sigma or radius)
 
     def on_sigma(omega_rad_s: FloatArray) -> ComplexArray:
         return np.asarray(-sigma + 1j * omega_rad_s, dtype=np.complex128)
@@ -164,20 +151,18 @@ def _pieces(loop: GainLoop, spec: DStability, window: Window) -> Iterator[_Piece
     def on_circle(angle_rad: FloatArray) -> ComplexArray:
         return np.asarray(-radius * np.exp(-1j * angle_rad), dtype=np.complex128)
 
-    end = min(_FAR * radius, top - top_step)
-    at_top = _End(top, -top_step, mirrored=True) if math.isfinite(top) else None
-    first = _first_samples(loop, on_sigma, step, end, window)
-    yield _Piece(Bound.SIGMA, on_sigma, first, _End(0.0, step, mirrored=True), at_top)
+    first = _first_samples(loop, on_sigma, step, _FAR * radius, window)
+    yield _Piece(Bound.SIGMA, on_sigma, first, _End(step, mirrored=True))
 
     start, end = sigma / -math.cos(theta) * (1.0 - _OVERLAP), radius * (1.0 + _OVERLAP)
     if start < end:
-        apex = None if sigma else _End(0.0, step, mirrored=False)
+        apex = None if sigma else _End(step, mirrored=False)
         first = _first_samples(loop, on_cone, max(start, step), end, window)
-        yield _Piece(Bound.CONE, on_cone, first, apex, None)
+        yield _Piece(Bound.CONE, on_cone, first, apex)
 
     widest = math.acos(sigma / radius) * (1.0 + _OVERLAP)
     first = np.linspace(_STEP, widest, 4 * _PER_DECADE)
-    yield _Piece(Bound.RADIUS, on_circle, first, _End(0.0, _STEP, mirrored=True), None)
+    yield _Piece(Bound.RADIUS, on_circle, first, _End(_STEP, mirrored=True))
 
 
 def _first_samples(
@@ -187,21 +172,18 @@ def _first_samples(
     end: float,
     window: Window,
 ) -> FloatArray:
-    """Return first samples from start to end [rad/s]: by ratio, and by the turns of a dead time.
+    """Return first samples from start to end [rad/s].
 
-    No curve is in the window beyond the last s where |K_p| + |K_d q| of the window's corners
+    No curve is in the window beyond the last s where |K_p| + |K_d s| of the window's corners
     reaches |f|, and none is followed there.
     """
     ratios = np.geomspace(start, end, 2 + int(_PER_DECADE * math.log10(end / start)))
     s = s_of(ratios)
     k_p, k_d = np.abs([window.origin, window.origin + window.sides]).max(axis=0)
-    reach = (1.0 + _MARGIN) * (k_p + k_d * np.abs(loop.derivative(s)))
+    reach = (1.0 + _MARGIN) * (k_p + k_d * np.abs(s))
     beyond = np.abs(loop.critical(s)) > reach
     samples = len(ratios) - int(np.argmin(beyond[::-1])) if not beyond.all() else 0
-    ratios = ratios[: samples + 1]
-    if not loop.dead_time_s:
-        return ratios
-    return np.union1d(ratios, np.arange(start, ratios[-1], _TURN_RAD / loop.dead_time_s))
+    return ratios[: samples + 1]
 
 
 def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[BoundaryCurve]:
@@ -211,14 +193,13 @@ def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[Boundar
         return (gains_of(loop, piece.s_of(parameters)) - window.origin) / window.sides
 
     parameters, points, drawn = _adapted(at, piece.first)
-    ends = ((0, piece.start, piece.first[0]), (len(points), piece.end, piece.first[-1]))
-    for index, end, reached in reversed(ends):
-        if end is not None and math.isclose(reached, end.parameter + end.step, rel_tol=1e-9):
-            parameters = np.insert(parameters, index, end.parameter)
-            limit = _limit(at, end) * window.sides + window.origin
-            limit = _on_line(limit, real_root_line(loop, piece.s_of(np.array([end.parameter]))[0]))
-            points = np.insert(points, index, (limit - window.origin) / window.sides, axis=0)
-            drawn = np.insert(drawn, min(index, len(drawn)), True)
+    apex = piece.start
+    if apex is not None and math.isclose(piece.first[0], apex.step, rel_tol=1e-9):
+        parameters = np.insert(parameters, 0, 0.0)
+        limit = _limit(at, apex) * window.sides + window.origin
+        limit = _on_line(limit, real_root_line(loop, float(piece.s_of(np.zeros(1))[0].real)))
+        points = np.insert(points, 0, (limit - window.origin) / window.sides, axis=0)
+        drawn = np.insert(drawn, 0, True)
     for start, stop in _runs(drawn):
         gains = points[start : stop + 1] * window.sides + window.origin
         s_rad_s = piece.s_of(parameters[start : stop + 1])
@@ -227,7 +208,7 @@ def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[Boundar
 
 def _limit(at: Callable[[FloatArray], FloatArray], end: _End) -> FloatArray:
     """Return the point at an end on the real axis."""
-    one, two = at(end.parameter + end.step * np.array([1.0, 2.0]))
+    one, two = at(end.step * np.array([1.0, 2.0]))
     return np.asarray(one - (two - one) / (3.0 if end.mirrored else 1.0))
 
 
@@ -238,28 +219,22 @@ def _on_line(gains: FloatArray, line: GainLine | None) -> FloatArray:
     """
     if line is None:
         return gains
-    if not line.k_p:
-        return np.array([gains[0], -line.constant / line.k_d])
-    return np.array([-(line.constant + line.k_d * gains[1]) / line.k_p, gains[1]])
+    return np.array([line.constant - line.slope * gains[1], gains[1]])
 
 
 def _straight_lines(loop: GainLoop, spec: DStability, window: Window) -> Iterator[BoundaryCurve]:
     """Return the real root boundaries in the window."""
-    top = loop.omega_rad_s_max
-    roots = [(Bound.SIGMA, complex(-spec.sigma_1_s)), (Bound.RADIUS, complex(-spec.radius_rad_s))]
-    if math.isfinite(top):
-        roots.append((Bound.SIGMA, complex(-spec.sigma_1_s, top)))
-    for bound, s_rad_s in roots:
+    for bound, s_rad_s in ((Bound.SIGMA, -spec.sigma_1_s), (Bound.RADIUS, -spec.radius_rad_s)):
         line = real_root_line(loop, s_rad_s)
         ends = None if line is None else _clipped(line, window)
         if ends is not None:
-            yield BoundaryCurve(bound, RootKind.REAL, ends, np.full(2, s_rad_s))
+            yield BoundaryCurve(bound, RootKind.REAL, ends, np.full(2, complex(s_rad_s)))
 
 
 def _clipped(line: GainLine, window: Window) -> FloatArray | None:
     """Return the two ends of a straight line on the window enlarged by the margin, else None."""
-    slope = np.array([line.k_p, line.k_d]) * window.sides
-    constant = line.constant + float(np.array([line.k_p, line.k_d]) @ window.origin)
+    normal = np.array([1.0, line.slope])
+    slope, constant = normal * window.sides, float(normal @ window.origin) - line.constant
     low, high = -_MARGIN, 1.0 + _MARGIN
     crossings = []
     for axis in (0, 1):

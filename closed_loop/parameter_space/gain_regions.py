@@ -8,20 +8,13 @@ same everywhere:
     2. judge the roots at one point of every face
     3. unite the faces whose roots are where they should be
 
-Several loops (the corners of an uncertainty box, several delays): intersect.
-
-For gains of one region and delays:
-
-    spec = paper_d_stability()
-    region = sampled_region(plants, period_ns, delays_ns, 20.0, spec, Window(0.0, 3.0, 0.0, 2.0))
-    region.contains(0.94, 0.44)
+Several loops (the corners of an uncertainty box): intersect.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -30,11 +23,10 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 from shapely.affinity import affine_transform
 
-from ...controller.filters.transfer_function import TransferFunction
 from ...runtime.array_types import FloatArray
 from .d_stability import DStability
 from .gain_boundaries import Bound, BoundaryCurve, RootKind, Window, boundary_curves
-from .gain_loops import GainLoop, SampledGainLoop
+from .gain_loop import GainLoop
 
 _OVERSHOOT = 1e-5
 """How far an end of a curve is extended beyond the boundary it lies on, in window sides: more than
@@ -87,10 +79,7 @@ class GainRegion(NamedTuple):
 
 
 def d_stable_region(loops: Iterable[GainLoop], spec: DStability, window: Window) -> GainRegion:
-    """Return the gains in the window for which every loop meets the specification.
-
-    Raises ValueError where a sampled loop is too slow for the radius of the specification.
-    """
+    """Return the gains in the window for which every loop meets the specification."""
     square: Polygon | MultiPolygon = shapely.box(0.0, 0.0, 1.0, 1.0)
     curves: list[BoundaryCurve] = []
     for loop in loops:
@@ -104,27 +93,6 @@ def d_stable_region(loops: Iterable[GainLoop], spec: DStability, window: Window)
         )
     polygon = _areas(shapely.make_valid(_scaled(square, *window.sides, *window.origin)))
     return GainRegion(polygon, tuple(curves), window)
-
-
-def sampled_region(
-    plants: Sequence[TransferFunction],
-    period_ns: int,
-    delays_ns: Sequence[int],
-    derivative_filter_rad_s: float | None,
-    spec: DStability,
-    window: Window,
-) -> GainRegion:
-    """Return the gains for which the sampled PD loop is D-stable with every plant and every delay.
-
-    ``plants``                   from wheel angle [rad] to lateral error [m], strictly proper
-    ``delays_ns``                between command and wheel angle, each constant, any ≥ 0
-    ``derivative_filter_rad_s``  N; None for the ideal derivative
-    """
-    loops = (
-        SampledGainLoop(plant, period_ns, delay_ns, derivative_filter_rad_s)
-        for plant, delay_ns in product(plants, delays_ns)
-    )
-    return d_stable_region(loops, spec, window)
 
 
 def _faces(

@@ -65,7 +65,7 @@ def draw_curves(axes: Axes, curves: Sequence[BoundaryCurve]) -> None:
         drawn.add(key)
 
 
-def fill_region(axes: Axes, region: GainRegion, label: str, alpha: float = 0.25) -> None:
+def fill_region(axes: Axes, region: GainRegion, label: str) -> None:
     """Fill a region, holes left out."""
     rings = [
         Path(np.asarray(ring.coords), closed=True)
@@ -73,4 +73,4 @@ def fill_region(axes: Axes, region: GainRegion, label: str, alpha: float = 0.25)
         for ring in (part.exterior, *part.interiors)
     ]
     path = Path.make_compound_path(*rings) if rings else Path(np.empty((0, 2)))
-    axes.add_patch(PathPatch(path, facecolor=REGION_COLOUR, alpha=alpha, lw=0.0, label=label))
+    axes.add_patch(PathPatch(path, facecolor=REGION_COLOUR, alpha=0.25, lw=0.0, label=label))

@@ -1,24 +1,17 @@
 """Report of a design: its preset, the reasons for its values in words, and a picture.
 
-A preset is settings below comments with what was measured. The picture has the region of the gains
-and the RMS over the delay.
+A preset is settings below comments with what was measured. The picture has the RMS over the
+delay.
 """
-# ruff: noqa: RUF001  # σ is the paper's symbol
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...closed_loop.parameter_space.gain_boundaries import Window
-from ...closed_loop.parameter_space.gain_regions import sampled_region
-from ...closed_loop.parameter_space.region_pictures import GAIN_LABELS, draw_curves, fill_region
 from ...closed_loop.reports.plot_style import LINES
-from ...controller.laws.law_from_settings import required
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.path.settings import PathSettings
@@ -270,38 +263,9 @@ def demand_lines(judgement: Judgement) -> Iterator[str]:
 
 
 def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Figure:
-    """Draw both panels."""
-    figure = Figure(figsize=(12.0, 4.8))
-    region, rms = figure.subplots(1, 2)
-    _draw_region(region, spec, vehicle, design)
-    _draw_rms(rms, spec, vehicle, design)
-    values = ", ".join(f"{key} {value:g}" for key, value in design.found.values.items())
-    figure.suptitle(f"{spec.name}_{design.law}: {values}", fontsize=10.0, color="0.35")
-    return figure
-
-
-def _draw_region(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design) -> None:
-    pd = required(design.settings.pd)
-    k_p, k_d = pd.proportional_gain_rad_m, pd.derivative_gain_rad_s_m
-    window = Window(1e-3 * k_p, 3.0 * k_p, 1e-3 * k_d, 4.0 * k_d)
-    filter_rad_s = pd.derivative_filter_rad_s or math.inf
-    table = spec.d_stability
-    alone = sampled_region(
-        vehicle.models, spec.period_ns, table.delays_ns, filter_rad_s, table.demands, window
-    )
-    fill_region(axes, alone, "PD alone: σ, θ and R", alpha=0.35)
-    draw_curves(axes, alone.curves)
-    axes.plot(k_p, k_d, "*", ms=14, color="black", label=f"chosen: {k_p:g}, {k_d:g}")
-    axes.set(**GAIN_LABELS, xlim=(0.0, window.k_p_max), ylim=(0.0, window.k_d_max))
-    axes.set_title(
-        f"Gains: σ = {table.settling_1_s:g} 1/s, θ = {table.cone_angle_deg:g}°,"
-        f" R = {table.bandwidth_rad_s:g} rad/s",
-        fontsize=10,
-    )
-    axes.legend(fontsize=8)
-
-
-def _draw_rms(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design) -> None:
+    """Draw the RMS over the delay, a curve for each corner."""
+    figure = Figure(figsize=(8.0, 4.8))
+    axes = figure.subplots()
     delay_ms = np.array(design.rms.delays_ns) / NS_PER_MS
     for line, label, rms_m in zip(LINES(), _labels(vehicle), design.rms.rms_m, strict=False):
         axes.plot(delay_ms, 1e3 * rms_m, **line, label=label)
@@ -313,8 +277,10 @@ def _draw_rms(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Des
     axes.axvspan(0.0, spec.delay.ms_max, color="0.93", zorder=0.0)
     axes.set(xlabel="constant delay [ms]", ylabel="RMS of the lateral error [mm]")
     axes.set(ylim=(0.0, 1.5 * highest_mm), xlim=(0.0, delay_ms[-1]))
-    axes.set_title("Tracking", fontsize=10)
+    values = ", ".join(f"{key} {value:g}" for key, value in design.found.values.items())
+    axes.set_title(f"{spec.name}_{design.law}: {values}", fontsize=10)
     axes.legend(fontsize=8)
+    return figure
 
 
 def _labels(vehicle: VehicleFile) -> list[str | None]:

@@ -1,10 +1,7 @@
 """The region of gains: closed forms, roots computed anew, other people's discretisation."""
 
 import math
-from itertools import product
 
-import control
-import numpy as np
 import pytest
 import shapely
 from hypothesis import given
@@ -12,36 +9,24 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.parameter_space.d_stability import d_stability
 from steer_by_wire.closed_loop.parameter_space.gain_boundaries import Window
-from steer_by_wire.closed_loop.parameter_space.gain_loops import ContinuousGainLoop, SampledGainLoop
+from steer_by_wire.closed_loop.parameter_space.gain_loop import GainLoop
 from steer_by_wire.closed_loop.parameter_space.gain_regions import (
     d_stable_region,
-    sampled_region,
 )
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.filters.nominal_model import (
-    NominalVehicle,
-    paper_eq19,
     steer_to_lateral_error,
 )
-from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.loops.gain_loops import (
     CORNERS,
     DOUBLE_INTEGRATOR,
     EVERY_LOOP,
     LEAD,
     LOOPS,
-    PERIOD_NS,
-    PUBLISHED,
     SPEC,
     WINDOW,
-    Loop,
 )
 from tests.support.loops.gain_regions import verified
-
-
-def sampled(delay_ms: int, filter_rad_s: float | None) -> SampledGainLoop:
-    return SampledGainLoop(paper_eq19(), PERIOD_NS, delay_ms * NS_PER_MS, filter_rad_s)
-
 
 # Regions
 
@@ -53,14 +38,14 @@ def test_the_region_of_a_double_integrator_has_the_area_computed_by_hand() -> No
     up_to_cone = 2.0 / 3.0 * (knee**3 - sigma**3)
     up_to_circle = 2.0 * (radius**2 * (radius - knee) - (radius**3 - knee**3) / 3.0)
     real = (radius - sigma) ** 3 / 6.0
-    loop = ContinuousGainLoop(DOUBLE_INTEGRATOR)
+    loop = GainLoop(DOUBLE_INTEGRATOR)
     area = d_stable_region([loop], SPEC, Window(-1, 3, -1, 4)).polygon.area
     assert area == pytest.approx(up_to_cone + up_to_circle + real, rel=2e-5)
 
 
 @EVERY_LOOP
 def test_roots_computed_anew_all_over_the_window_and_beside_every_edge_agree_with_the_region(
-    loop: Loop,
+    loop: GainLoop,
 ) -> None:
     region = d_stable_region([loop], SPEC, WINDOW)
     inside, outside, wrong = verified(region, [loop], SPEC, 600, seed=3)
@@ -70,7 +55,7 @@ def test_roots_computed_anew_all_over_the_window_and_beside_every_edge_agree_wit
 
 
 def test_the_verification_finds_a_region_that_is_wrong() -> None:
-    loop = LOOPS["continuous"]
+    loop = LOOPS["nominal"]
     region = d_stable_region([loop], SPEC, WINDOW)
     too_large = region._replace(polygon=shapely.buffer(region.polygon, 0.02))
     assert len(verified(too_large, [loop], SPEC, 600, seed=3).wrong) > 50
@@ -79,32 +64,21 @@ def test_the_verification_finds_a_region_that_is_wrong() -> None:
 @given(
     speed_km_h=st.floats(3.0, 30.0),
     virtual_mass_kg=st.floats(1000.0, 6000.0),
-    period_ms=st.sampled_from([None, 5, 10, 20]),
-    delay_ns=st.integers(0, 300 * NS_PER_MS),
-    filter_rad_s=st.sampled_from([None, 20.0, 4.0]),
     sigma_1_s=st.sampled_from([0.0, 0.1, 0.4]),
     cone_angle_deg=st.floats(100.0, 160.0),
     radius_rad_s=st.floats(0.5, 5.0),
 )
-def test_any_vehicle_delay_filter_and_specification_gives_a_region_that_roots_agree_with(
+def test_any_vehicle_and_specification_gives_a_region_that_roots_agree_with(
     speed_km_h: float,
     virtual_mass_kg: float,
-    period_ms: int | None,
-    delay_ns: int,
-    filter_rad_s: float | None,
     sigma_1_s: float,
     cone_angle_deg: float,
     radius_rad_s: float,
 ) -> None:
-    vehicle: NominalVehicle = paper_box().nominal._replace(
+    vehicle = paper_box().nominal._replace(
         speed_m_s=speed_km_h / 3.6, virtual_mass_kg=virtual_mass_kg
     )
-    model = steer_to_lateral_error(vehicle)
-    loop: Loop = (
-        ContinuousGainLoop(model)
-        if period_ms is None
-        else SampledGainLoop(model, period_ms * NS_PER_MS, delay_ns, filter_rad_s)
-    )
+    loop = GainLoop(steer_to_lateral_error(vehicle))
     spec = d_stability(sigma_1_s, cone_angle_deg, radius_rad_s)
     region = d_stable_region([loop], spec, WINDOW)
     assert region.polygon.is_valid
@@ -113,51 +87,25 @@ def test_any_vehicle_delay_filter_and_specification_gives_a_region_that_roots_ag
 
 def test_a_continuous_loop_that_answers_at_once_is_refused() -> None:
     with pytest.raises(ValueError, match="strictly proper"):
-        ContinuousGainLoop(LEAD)
+        GainLoop(LEAD)
 
 
-# The sampled loop, as others discretise it
-
-
-@pytest.mark.parametrize("periods", [0, 1, 8])
-def test_the_roots_are_those_of_the_plant_discretised_by_python_control(periods: int) -> None:
-    period_s = PERIOD_NS * 1e-9
-    plant = control.tf([227.6, 8.479e4, 3.627e4], [1.0, 459.2, 3.329e4, 0.0, 0.0])
-    held = control.sample_system(control.ss(plant), period_s, "zoh")
-    k_p, k_d = PUBLISHED
-    pd = control.tf([k_p + k_d / period_s, -k_d / period_s], [1.0, 0.0], period_s)
-    wait = control.tf([1.0], [1.0] + [0.0] * periods, period_s)
-    poles = control.poles(control.feedback(held * control.ss(pd) * control.ss(wait)))
-    theirs = np.log(poles.astype(np.complex128)) / period_s
-    ours = sampled(10 * periods, None).roots(np.array([PUBLISHED]))[0]
-    for root in theirs:
-        assert np.min(np.abs(ours - root)) < 1e-5 * abs(root)
-
-
-# Several plants and delays at once
-
-
-def test_the_region_of_several_plants_and_delays_is_what_each_of_them_has_in_common() -> None:
-    delays_ns = [0, 50 * NS_PER_MS, 163 * NS_PER_MS]
+def test_the_region_of_several_plants_is_what_each_of_them_has_in_common() -> None:
     window = Window(0.0, 3.0, 0.0, 2.0)
-    region = sampled_region(CORNERS, PERIOD_NS, delays_ns, 5.0, SPEC, window)
-    loops = [SampledGainLoop(m, PERIOD_NS, d, 5.0) for m, d in product(CORNERS, delays_ns)]
-    single = [d_stable_region([loop], SPEC, window).polygon for loop in loops]
-    common = shapely.intersection_all(single)
+    loops = [GainLoop(model) for model in CORNERS]
+    region = d_stable_region(loops, SPEC, window)
+    common = shapely.intersection_all(
+        [d_stable_region([one], SPEC, window).polygon for one in loops]
+    )
     assert shapely.symmetric_difference(common, region.polygon).area < 1e-6
     assert verified(region, loops, SPEC, 200, seed=5).wrong.tolist() == []
 
 
 def test_an_empty_region_says_so() -> None:
     nothing = Window(-0.5, -0.1, -0.6, -0.5)
-    loop = LOOPS["continuous"]
+    loop = LOOPS["nominal"]
     region = d_stable_region([loop], SPEC, nothing)
     assert region.polygon.is_empty
     assert not region.contains(-0.3, -0.55)
     assert region.margins(-0.3, -0.55) == ()
     assert verified(region, [loop], SPEC, 40, seed=1).wrong.tolist() == []
-
-
-def test_a_circle_beyond_what_the_sampled_loop_can_have_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"must be below π/T = 314.2 rad/s"):
-        d_stable_region([sampled(0, None)], d_stability(0.3, 135.0, 400.0), WINDOW)

@@ -10,7 +10,7 @@ from shapely.affinity import affine_transform
 
 from steer_by_wire.closed_loop.parameter_space.d_stability import DStability
 from steer_by_wire.closed_loop.parameter_space.gain_boundaries import Window
-from steer_by_wire.closed_loop.parameter_space.gain_loops import GainLoop
+from steer_by_wire.closed_loop.parameter_space.gain_loop import GainLoop
 from steer_by_wire.closed_loop.parameter_space.gain_regions import GainRegion
 from steer_by_wire.runtime.array_types import FloatArray
 

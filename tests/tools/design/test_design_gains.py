@@ -228,7 +228,7 @@ def test_a_law_that_fails_its_demands_is_refused_and_its_best_kept_as_unmet(
     printed, error = capsys.readouterr()
     assert status == 1
     assert re.search(
-        r"pd\.proportional_gain_rad_m = .*\) fails: RMS error .* above 0.001 m",
+        r"pd\.proportional_gain_rad_m = .*\) fails: .*RMS error .* above 0.001 m",
         error,
         re.MULTILINE,
     )

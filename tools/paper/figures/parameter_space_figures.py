@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ....closed_loop.parameter_space.d_stability import judge, paper_d_stability
 from ....closed_loop.parameter_space.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
-from ....closed_loop.parameter_space.gain_loops import ContinuousGainLoop
+from ....closed_loop.parameter_space.gain_loop import GainLoop
 from ....closed_loop.parameter_space.gain_regions import GainRegion, d_stable_region
 from ....closed_loop.parameter_space.region_pictures import (
     GAIN_LABELS,
@@ -43,7 +43,7 @@ _READING = (
 
 def figure_7() -> Reproduction:
     """Return ∂Γ with the roots of the published loop, and its image in the plane of the gains."""
-    spec, loop = paper_d_stability(), ContinuousGainLoop(paper_eq19())
+    spec, loop = paper_d_stability(), GainLoop(paper_eq19())
     region = d_stable_region([loop], spec, WINDOW)
     roots_rad_s = _roots(loop)
     figure = Figure(figsize=(10.5, 5.6))
@@ -103,7 +103,7 @@ def figure_7() -> Reproduction:
 
 def figure_8() -> Reproduction:
     """Return the gains for which the nominal loop is D-stable, and where the published ones are."""
-    spec, loop = paper_d_stability(), ContinuousGainLoop(paper_eq19())
+    spec, loop = paper_d_stability(), GainLoop(paper_eq19())
     region = d_stable_region([loop], spec, WINDOW)
     inside = region.contains(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
     figure = Figure(figsize=(8.5, 5.4))
@@ -132,7 +132,7 @@ def figure_8() -> Reproduction:
     )
 
 
-def _roots(loop: ContinuousGainLoop) -> ComplexArray:
+def _roots(loop: GainLoop) -> ComplexArray:
     """Return the roots at the published gains, nearest the origin first, Im > 0 before Im < 0."""
     roots_rad_s = loop.roots(_PUBLISHED_GAINS)[0]
     order = np.lexsort((-roots_rad_s.imag, np.round(np.abs(roots_rad_s), 9)))
