@@ -27,7 +27,6 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, Taken
@@ -36,12 +35,7 @@ from .held_path import PREVIEW_M, CgDeviation
 SPAN_S = 15.0
 POINTS_MAX = 1 << 14
 """Points of one quantity that are kept: SPAN_S at 1 kHz."""
-STRIP_LENGTH = 120
-"""Values of a strip: as many as a wide terminal has room for."""
 SPAN_NS = round(SPAN_S * NS_PER_S)
-
-Strip = tuple[float | None, ...]
-"""The largest value of each of STRIP_LENGTH equal parts of SPAN_S, oldest first; None for none."""
 
 
 class Spread(NamedTuple):
@@ -69,35 +63,15 @@ class Recent:
         is_young = self._points and now_ns - self._points[-1][0] < _STALE_NS
         return self._points[-1][1] if is_young else math.nan
 
-    def arrays(self, now_ns: int) -> tuple[IntArray, FloatArray]:
-        """Return times before now [ns] and values, each of shape (n,)."""
-        if not self._points:
-            return np.empty(0, dtype=np.int64), np.empty(0)
-        times, values = zip(*self._points, strict=True)
-        return now_ns - np.array(times, dtype=np.int64), np.array(values)
-
-    def strip(self, now_ns: int) -> Strip:
-        """Return the values as a strip."""
-        strip: list[float | None] = [None] * STRIP_LENGTH
-        ages_ns, values = self.arrays(now_ns)
-        places = STRIP_LENGTH - 1 - ages_ns * STRIP_LENGTH // SPAN_NS
-        for place, value in zip(places.tolist(), values.tolist(), strict=True):
-            if 0 <= place < STRIP_LENGTH:
-                there = strip[place]
-                if there is None or abs(value) > abs(there):
-                    strip[place] = value
-        return tuple(strip)
-
     def spread(self, now_ns: int) -> Spread | None:
         """Return the spread of the values [s]; None without any."""
-        values_s = self.arrays(now_ns)[1]
-        if not values_s.size:
+        values_s = [value for time_ns, value in self._points if now_ns - time_ns <= SPAN_NS]
+        if not values_s:
             return None
         p50_s, p99_s = np.quantile(values_s, (0.5, 0.99))
-        return Spread(float(p50_s), float(p99_s), float(values_s.max()))
+        return Spread(float(p50_s), float(p99_s), max(values_s))
 
 
-STRIPS = ("lateral_error_m", "steer_rad", "downlink_s", "uplink_s", "round_trip_s")
 _STALE_NS = NS_PER_S
 _MARK_NS = NS_PER_S // 10
 _IN_FLIGHT_MAX = 4096
@@ -126,6 +100,7 @@ class View(NamedTuple):
     """Everything the monitor shows; None for what was not received yet.
 
     ``cg_deviation_m``  of the centre of gravity; NaN where it is not known yet
+    ``round_trip_s``    the newest; NaN where there is none of the last second
     ``names``           of a car's messages, by the name of ours that they stand for
     """
 
@@ -142,7 +117,7 @@ class View(NamedTuple):
     delay: DelayStatus | None
     model: ModelStatus | None
     plant: PlantStatus | None
-    strips: Mapping[str, Strip]
+    round_trip_s: float
     round_trip: Spread | None
     messages: tuple[MessageView, ...]
     refused: Mapping[str, int]
@@ -172,7 +147,7 @@ class BusWatch:
         self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
         self._newest: dict[type, Message] = {}
         """By the type of what is shown: a plan is a command."""
-        self._recent = {name: Recent() for name in STRIPS}
+        self._round_trips = Recent()
         self._cycles = defaultdict[str, Recent](Recent)
         self._arrived_ns: dict[str, int] = {}
         """When the newest frame came, by the message's name on the bus."""
@@ -184,7 +159,7 @@ class BusWatch:
 
     def round_trip_s(self, now_ns: int) -> float:
         """Return the newest round trip [s]; NaN when there is none of the last second."""
-        return self._recent["round_trip_s"].newest(now_ns)
+        return self._round_trips.newest(now_ns)
 
     @property
     def refused(self) -> Mapping[str, int]:
@@ -238,8 +213,8 @@ class BusWatch:
             delay=shown(DelayStatus),
             model=shown(ModelStatus),
             plant=shown(PlantStatus),
-            strips={name: recent.strip(now_ns) for name, recent in self._recent.items()},
-            round_trip=self._recent["round_trip_s"].spread(now_ns),
+            round_trip_s=self.round_trip_s(now_ns),
+            round_trip=self._round_trips.spread(now_ns),
             messages=self.messages(now_ns),
             refused=self.refused,
             foreign_frames=self._listener.foreign_frames,
@@ -252,10 +227,7 @@ class BusWatch:
         cg_m = self._cg.on_message(message, (now_ns - self._start_ns) / NS_PER_S)
         if not math.isnan(cg_m):
             self.cg_deviation_m = cg_m
-        if isinstance(message, LateralError):
-            self._recent["lateral_error_m"].add(now_ns, message.lateral_error_m)
-        elif isinstance(message, SteeringCommand):
-            self._recent["steer_rad"].add(now_ns, message.steer_rad)
+        if isinstance(message, SteeringCommand):
             if len(self._sent_ns) >= _IN_FLIGHT_MAX:
                 del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
             self._sent_ns.pop(message.command_counter, None)
@@ -268,10 +240,7 @@ class BusWatch:
                 and sent_ns is not None
                 and message.status is not SteeringStatusCode.NO_COMMAND
             ):
-                self._recent["round_trip_s"].add(now_ns, (now_ns - sent_ns) / NS_PER_S)
-        elif isinstance(message, PlantStatus):
-            self._recent["downlink_s"].add(now_ns, message.downlink_latency_s)
-            self._recent["uplink_s"].add(now_ns, message.uplink_latency_s)
+                self._round_trips.add(now_ns, (now_ns - sent_ns) / NS_PER_S)
 
     def messages(self, now_ns: int) -> tuple[MessageView, ...]:
         """Return every message on the bus as it stands at ``now_ns``."""

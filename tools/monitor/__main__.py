@@ -67,7 +67,6 @@ def _run(options: argparse.Namespace) -> int:
 def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool]) -> None:
     """Draw the screen until a signal ends it; the terminal is restored then."""
     console = Console()
-    plain_ascii = not console.encoding.lower().startswith("utf")
     reader = LiveReader(port)
     period_ns = NS_PER_S // REFRESHES_PER_S
     draw_ns = 0
@@ -77,7 +76,7 @@ def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool
             if now_ns >= draw_ns:
                 draw_ns = now_ns + period_ns
                 view = watch.view(now_ns)
-                lines = screen_lines(view, bus, console.width, plain_ascii=plain_ascii)
+                lines = screen_lines(view, bus, console.width)
                 live.update(Group(*lines), refresh=True)
 
 

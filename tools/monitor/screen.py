@@ -1,10 +1,10 @@
-"""From a view to lines of text: 21 of them, as wide as the terminal, 80 columns at least."""
+"""From a view to lines of text: 22 of them, as wide as the terminal, 80 columns at least."""
 
 import math
 
 from rich.text import Text
 
-from ...closed_loop.recordings.live_view import MessageView, Spread, Strip, View
+from ...closed_loop.recordings.live_view import MessageView, View
 from ...closed_loop.recordings.status_lights import (
     BAD,
     GOOD,
@@ -17,26 +17,14 @@ from ...closed_loop.recordings.status_lights import (
 from ...dbc.messages import EchoState, Freshness, SecondSender
 
 WIDTH_MIN = 80
-_BLOCKS = "▁▂▃▄▅▆▇█"
-_ASCII_BLOCKS = "_.-=+*#@"
 _ONE_MS = 1e3
 _STYLES = {GOOD: "bold green", NOTICE: "bold yellow", BAD: "bold red", OFF: "bold"}
 
 
-def screen_lines(
-    view: View, bus: str, width: int = WIDTH_MIN, *, plain_ascii: bool = False
-) -> list[Text]:
-    """Return the lines of the screen, none wider than ``width``.
-
-    ``plain_ascii``  for a terminal that has no block characters
-    """
-    blocks = _ASCII_BLOCKS if plain_ascii else _BLOCKS
-    strip_width = max(width, WIDTH_MIN) - 60
-    lines = [_title(view, bus, width), _state(view)]
-    lines += _signals(view, strip_width, blocks)
-    lines += _latency(view, strip_width, blocks)
-    lines += [Text(_HEAD, style="bold"), *_messages(view)]
-    lines.append(_refused(view))
+def screen_lines(view: View, bus: str, width: int = WIDTH_MIN) -> list[Text]:
+    """Return the lines of the screen, none wider than ``width``."""
+    lines = [_title(view, bus, width), _state(view), *_signals(view), *_latency(view)]
+    lines += [Text(_HEAD, style="bold"), *_messages(view), _refused(view)]
     for line in lines:
         line.truncate(width)
     return lines
@@ -59,35 +47,6 @@ def one_line(view: View) -> str:
         f"refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
         f"{_second_senders(view)}"
     )
-
-
-def strip_text(strip: Strip, width: int, blocks: str) -> str:
-    """Return a strip as ``width`` characters, the newest last, its least value drawn low.
-
-    Constant values are drawn low, missing ones are blank.
-    """
-    shown = _largest_of_groups(strip, width)
-    there = [value for value in shown if value is not None]
-    low = min(there, default=0.0)
-    span = max(there, default=0.0) - low
-    scale = (len(blocks) - 1) / span if span > 0 else 0.0
-    return "".join(" " if v is None else blocks[round((v - low) * scale)] for v in shown)
-
-
-def scaled_strip(strip: Strip, width: int, blocks: str) -> str:
-    """Return a strip and what its lowest and highest blocks stand for, in thousandths."""
-    there = [_ONE_MS * value for value in strip if value is not None]
-    span = f" {min(there):.3g}..{max(there):.3g}" if there else ""
-    return strip_text(strip, width - len(span), blocks) + span
-
-
-def _largest_of_groups(strip: Strip, width: int) -> list[float | None]:
-    shown: list[float | None] = []
-    for index in range(width):
-        group = strip[index * len(strip) // width : (index + 1) * len(strip) // width]
-        there = [value for value in group if value is not None]
-        shown.append(max(there, key=abs) if there else None)
-    return shown
 
 
 def _title(view: View, bus: str, width: int) -> Text:
@@ -113,66 +72,60 @@ def _state(view: View) -> Text:
     return text.append(f"   {view.frames_per_s:.0f} frames/s")
 
 
-def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
+def _signals(view: View) -> list[Text]:
     error, command, steering = view.error, view.command, view.steering
     vehicle, status = view.vehicle, view.controller
-
-    def strip(name: str) -> str:
-        return scaled_strip(view.strips[name], strip_width, blocks)
-
-    blank = " " * strip_width
     cg_m = None if math.isnan(view.cg_deviation_m) else view.cg_deviation_m
-    of_vehicle = _value("disturbance", status and status.disturbance_rad, _ONE_MS, 0, "mrad")
-    of_network = _value("network", status and status.network_disturbance_rad, _ONE_MS, 0, "mrad")
     return [
         _pair(
             _value("lateral error", error and error.lateral_error_m, _ONE_MS, 2, "mm"),
-            strip("lateral_error_m"),
             _value("CG off path", cg_m, _ONE_MS, 2, "mm"),
             view.is_stale("LATERAL_ERROR"),
         ),
         _pair(
             _value("steer", command and command.steer_rad, _ONE_MS, 2, "mrad"),
-            strip("steer_rad"),
             _value("wheel", steering and steering.wheel_angle_rad, _ONE_MS, 2, "mrad"),
             view.is_stale("STEERING_COMMAND"),
         ),
         _pair(
             _value("speed", vehicle and vehicle.speed_m_s, 1.0, 3, "m/s"),
-            _model(view)[:strip_width].ljust(strip_width),
             _value("yaw rate", vehicle and vehicle.yaw_rate_rad_s, _ONE_MS, 1, "mrad/s"),
             view.is_stale("VEHICLE_STATE"),
         ),
         _pair(
             _value("curvature", vehicle and vehicle.preview_curvature_1_m, 1.0, 5, "1/m"),
-            blank,
-            _delay(view),
+            _value("heading err", error and error.heading_error_rad, _ONE_MS, 1, "mrad"),
             view.is_stale("VEHICLE_STATE"),
         ),
         _pair(
-            f"{of_vehicle}, {of_network}".ljust(30 + strip_width),
-            "",
-            _value("heading err", error and error.heading_error_rad, _ONE_MS, 1, "mrad"),
+            _value("disturbance", status and status.disturbance_rad, _ONE_MS, 0, "mrad"),
+            _value("network", status and status.network_disturbance_rad, _ONE_MS, 0, "mrad"),
             view.is_stale("CONTROLLER_STATUS"),
         ),
+        _pair(_delay(view), _model(view), view.is_stale("CONTROLLER_STATUS")),
     ]
 
 
-def _latency(view: View, strip_width: int, blocks: str) -> list[Text]:
-    plant = view.plant
+def _latency(view: View) -> list[Text]:
+    plant, trip, is_stale = view.plant, view.round_trip, view.is_stale("PLANT_STATUS")
+    trip_s = None if math.isnan(view.round_trip_s) else view.round_trip_s
+    spread = (
+        ""
+        if trip is None
+        else " ".join(
+            f"{name} {_ms(value_s)}"
+            for name, value_s in zip(("p50", "p99", "max"), trip, strict=True)
+        )
+    )
+    word = "latency, the plant's word"
     rows = (
-        ("commands", plant and plant.downlink_latency_s, "downlink_s", "latency, the plant's word"),
-        ("measurements", plant and plant.uplink_latency_s, "uplink_s", "latency, the plant's word"),
-        ("round trip", _newest(view, "round_trip_s"), "round_trip_s", _figures(view.round_trip)),
+        ("commands", plant and plant.downlink_latency_s, word, is_stale),
+        ("measurements", plant and plant.uplink_latency_s, word, is_stale),
+        ("round trip", trip_s, spread, False),
     )
     return [
-        _pair(
-            _value(label, value, _ONE_MS, 2, "ms", sign="").ljust(30),
-            scaled_strip(view.strips[name], strip_width, blocks),
-            remark,
-            view.is_stale("PLANT_STATUS") and name in ("downlink_s", "uplink_s"),
-        )
-        for label, value, name, remark in rows
+        _pair(_value(label, value, _ONE_MS, 2, "ms", sign=""), remark, is_old)
+        for label, value, remark, is_old in rows
     ]
 
 
@@ -193,19 +146,8 @@ def _model(view: View) -> str:
     return f"{_ONE_MS * model.steering_lag_s:.0f} ms, {model.virtual_mass_kg:.0f} kg"
 
 
-def _newest(view: View, name: str) -> float | None:
-    return next((value for value in reversed(view.strips[name]) if value is not None), None)
-
-
-def _figures(spread: Spread | None) -> str:
-    if spread is None:
-        return ""
-    return f"p50 {_ms(spread.p50_s)} p99 {_ms(spread.p99_s)} max {_ms(spread.max_s)}"
-
-
-def _pair(left: str, strip: str, right: str, is_stale: bool) -> Text:
-    text = Text(f"{left:30}", style="dim" if is_stale else "")
-    return text.append(strip, style="not dim cyan").append(f" {right}")
+def _pair(left: str, right: str, is_stale: bool) -> Text:
+    return Text(f"{left:30} {right}", style="dim" if is_stale else "")
 
 
 def _value(

@@ -1,5 +1,6 @@
 """The monitor: what it makes of frames, and what it shows of them."""
 
+import math
 import re
 from collections.abc import Sequence
 
@@ -11,7 +12,6 @@ from rich.text import Text
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.recordings.live_view import (
     SPAN_S,
-    STRIP_LENGTH,
     BusWatch,
     View,
 )
@@ -33,12 +33,11 @@ from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, L
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
-from steer_by_wire.tools.monitor.screen import one_line, screen_lines, strip_text
+from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 from tests.support.frames.made_messages import error_of, message_with
 from tests.support.frames.recorded_frames import entries_in
 
 NS = 1_000_000_000
-BLOCKS = "▁▂▃▄▅▆▇█"
 BUS = "emulated bus, channel can0, 500000 bit/s (from the command line)"
 
 
@@ -112,17 +111,17 @@ def test_a_view_counts_what_is_refused_by_cause(entries: list[LogEntry]) -> None
     assert next(row.refused for row in view.messages if row.name == "LATERAL_ERROR") == 2
 
 
-def test_what_stays_away_is_stale_and_forgotten_from_the_strips(entries: list[LogEntry]) -> None:
+def test_what_stays_away_is_stale_and_then_forgotten(entries: list[LogEntry]) -> None:
     watch = BusWatch(0)
     for now_ns, _, frame in entries:
         watch.on_frame(frame, now_ns)
     later = watch.view(entries[-1].time_ns + 2 * NS)
     assert later.is_stale("LATERAL_ERROR")
     assert later.frames_per_s == 0.0
-    assert later.strips["lateral_error_m"][-1] is None
-    assert later.strips["lateral_error_m"][0] is not None
+    assert math.isnan(later.round_trip_s)
+    assert later.round_trip is not None
     much_later = watch.view(entries[-1].time_ns + round(2 * SPAN_S * NS))
-    assert set(much_later.strips["lateral_error_m"]) == {None}
+    assert much_later.round_trip is None
     assert much_later.error == later.error
 
 
@@ -158,7 +157,7 @@ def test_no_frame_makes_the_monitor_raise(frames: list[tuple[int, Frame]]) -> No
     now_ns = 0
     for now_ns, frame in sorted(frames, key=lambda timed: timed[0]):
         watch.on_frame(frame, now_ns)
-    assert len(screen_lines(watch.view(now_ns), BUS)) == 21
+    assert len(screen_lines(watch.view(now_ns), BUS)) == 22
 
 
 # From a view to text
@@ -173,10 +172,10 @@ def text_of(view: View, width: int = 80) -> str:
 
 
 @pytest.mark.parametrize("width", [1, 20, 79, 80, 81, 132])
-def test_the_screen_has_21_lines_that_fit_or_are_cut(entries: list[LogEntry], width: int) -> None:
+def test_the_screen_has_22_lines_that_fit_or_are_cut(entries: list[LogEntry], width: int) -> None:
     for view in (view_of(entries), BusWatch(0).view(0)):
         lines = screen_lines(view, BUS, width)
-        assert len(lines) == 21
+        assert len(lines) == 22
         assert all(line.cell_len <= width for line in lines)
 
 
@@ -198,12 +197,6 @@ def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[LogE
     ):
         assert shown in text
     assert re.search(r"^STEERING_COMMAND +10 +10\.0 +10\.\d+ +10\.\d+ +\d+ +0 +0 +0$", text, re.M)
-    assert set(BLOCKS) & set(text)
-
-
-def test_a_terminal_without_block_characters_gets_ascii(entries: list[LogEntry]) -> None:
-    lines = screen_lines(view_of(entries), BUS, plain_ascii=True)
-    assert as_text(lines).isascii()
 
 
 def test_what_stays_away_is_said(entries: list[LogEntry]) -> None:
@@ -225,12 +218,3 @@ def test_a_line_for_a_pipe_has_the_most_important(entries: list[LogEntry]) -> No
     )
     assert "error -  " not in line
     assert "error - mm  CG - mm" in one_line(BusWatch(0).view(0))
-
-
-def test_a_strip_goes_from_its_least_to_its_greatest_value() -> None:
-    strip = tuple(float(number) for number in range(STRIP_LENGTH))
-    assert strip_text(strip, 8, BLOCKS) == BLOCKS
-    assert strip_text((None,) * STRIP_LENGTH, 8, BLOCKS) == " " * 8
-    assert strip_text((1.0,) * STRIP_LENGTH, 8, BLOCKS) == BLOCKS[0] * 8
-    half = (None,) * (STRIP_LENGTH // 2) + (0.0, -3.0) * (STRIP_LENGTH // 4)
-    assert strip_text(half, 4, BLOCKS).startswith("  ")
