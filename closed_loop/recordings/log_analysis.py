@@ -122,7 +122,6 @@ class LogAnalysis:
         self.histories = {name: History() for name in (*HISTORIES, CG_DEVIATION)}
         self._cg, self._cg_m = CgDeviation(preview_m), math.nan
         self.cycles = defaultdict[str, Durations](Durations)
-        self.cycle_histories = defaultdict[str, History](History)
         self._by_message: dict[str, list[tuple[str, str]]] = {}
         for label, (name, field) in HISTORIES.items():
             self._by_message.setdefault(name, []).append((label, field))
@@ -254,7 +253,6 @@ class LogAnalysis:
             return
         cycle_ns = since_ns - before_ns
         self.cycles[name].record(cycle_ns)
-        self.cycle_histories[name].add(since_ns / NS_PER_S, cycle_ns / NS_PER_S)
         if name in self.listed:
             waiting = self._unjudged[name]
             waiting.append((cycle_ns, before_ns))

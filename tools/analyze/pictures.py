@@ -1,4 +1,4 @@
-"""The pictures of the page about one log: deviation and steer, latency, cycle times, smoothed."""
+"""The pictures of the page about one log: deviation and steer, latency, smoothed."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -39,7 +39,6 @@ def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> list[Pic
     draw: dict[str, Callable[[LogAnalysis, Mapping[str, Any]], Figure | None]] = {
         "Lateral error and steer": _draw_motion,
         "Latency": _draw_latency,
-        "Cycle times": _draw_cycles,
     }
     if not figures["has_times"]:
         return []
@@ -125,29 +124,6 @@ def draw_smoothed(table: "SmoothedTable") -> Picture:
             axes.set(ylabel=label, ylim=(low - margin, high + margin))
         every[-1].set_xlabel("time since the first frame [s]")
         return Picture(png_of(figure), "Smoothed: estimate and two standard deviations")
-
-
-def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    names = [name for name, m in figures["messages"].items() if m["cycle"]["samples"] > 1]
-    if not names:
-        return None
-    figure = Figure(figsize=(WIDTH_IN, 1.0 + 1.05 * len(names)))
-    rows = np.atleast_1d(figure.subplots(len(names), 1, sharex=True))
-    for axes, name in zip(rows, names, strict=True):
-        message = figures["messages"][name]
-        time_s, cycle_s = analysis.cycle_histories[name].points()
-        axes.plot(time_s, 1e3 * cycle_s, ".", ms=2.0, color=BLUE)
-        axes.axhline(1e3 * message["cycle_dbc_s"], color="black", lw=0.8, ls="--")
-        cycle = message["cycle"]
-        axes.set_title(
-            f"{name}: median {1e3 * cycle['p50_s']:.2f} ms, 99 % below {1e3 * cycle['p99_s']:.2f} "
-            f"ms, longest {1e3 * cycle['max_s']:.1f} ms",
-            fontsize=9.5,
-        )
-        axes.set_ylabel("[ms]")
-        axes.set_ylim(0.0, 1.08e3 * max(cycle["max_s"], 1.1 * message["cycle_dbc_s"]))
-    rows[-1].set_xlabel("time since the first frame [s]      (dashed: when it is due)")
-    return figure
 
 
 def _mark_gaps(axes: Axes, figures: Mapping[str, Any]) -> None:

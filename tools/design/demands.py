@@ -126,7 +126,7 @@ class Demand(NamedTuple):
 class Judgement(NamedTuple):
     """A law under all demands.
 
-    ``objective``  what is minimised; infinite where a loop is unstable
+    ``objective``  the worst RMS [m], which is minimised; infinite where a loop is unstable
     ``violation``  0 if all demands are met, else the larger the further from it
     """
 
@@ -225,13 +225,8 @@ def judge_law(study: Study, law: str, values: Values) -> Judgement:
     if sum(demand.excess for demand in _made(study, demands)) > _NEARLY_MET:
         return _judged(study, np.inf, demands)
     demands += _runs(study, design, law)
-    named = {demand.name: demand.value for demand in demands}
-    objective = {
-        "rms": "RMS error",
-        "peak_sensitivity": "peak sensitivity",
-        "noise_gain": "noise gain",
-    }[study.spec.minimise]
-    return _judged(study, named[objective], demands)
+    (rms_m,) = (demand.value for demand in demands if demand.name == "RMS error")
+    return _judged(study, rms_m, demands)
 
 
 def _made(study: Study, demands: Iterable[Demand]) -> tuple[Demand, ...]:

@@ -56,8 +56,7 @@ def run_design(options: argparse.Namespace) -> int:
     rig = _write_settings(spec, vehicle, options.out, pictures)
     print(
         f"{len(vehicle.box.vertices())} corners x {len(spec.delays_ns)} delays from 0 to"
-        f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst"
-        f" {spec.minimise.replace('_', ' ')}"
+        f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst rms"
     )
     print(course)
     laws = [*linear_laws(spec), *({PREDICTOR} & set(spec.laws))]

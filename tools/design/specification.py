@@ -6,7 +6,7 @@ every delay of the range.
 """
 
 from math import pi
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import Field, PositiveFloat, model_validator
 
@@ -202,8 +202,6 @@ class Specification(Settings):
     """Prefix of the presets' names; the law follows."""
     laws: tuple[LawName, ...]
     rate_hz: Annotated[float, Field(ge=10.0, le=1000.0)] = 100.0
-    minimise: Literal["rms", "peak_sensitivity", "noise_gain"] = "rms"
-    """The largest over all corners and delays of the range, and over all paths."""
     pid_heading_gain: bool = False
     """Whether the law pid gets a gain on the heading error too; its preset is NAME_pid_heading."""
     dob_q_kind: QKind = "type_2"

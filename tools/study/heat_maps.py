@@ -1,4 +1,4 @@
-"""Pictures over mean latency and jitter: heat maps, one a law.
+"""Picture over mean latency and jitter: heat maps of the RMS error, one a law.
 
 A cell of a heat map holds the worst over everything else that varies (corners of the box, ...):
 
@@ -8,12 +8,11 @@ A cell of a heat map holds the worst over everything else that varies (corners o
 All laws share one scale of colours. Hatched are cells with a run that does not hold.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator
@@ -24,8 +23,6 @@ from ...runtime.array_types import FloatArray
 from .axes import StudyAxes, cells
 
 _COLUMNS = 2
-_TEXT_CELLS_MAX = 130
-"""Cells of one map into which numbers are written."""
 
 
 class HeatMaps(NamedTuple):
@@ -62,30 +59,10 @@ def heat_maps(rows: Rows, axes: StudyAxes, controllers: int) -> HeatMaps:
 
 def draw_rms(maps: HeatMaps, axes: StudyAxes, names: tuple[str, ...]) -> Figure:
     """Draw the RMS error; the scale is logarithmic, from 1 mm or more to 10 m or less."""
-    known_mm = 1e3 * maps.rms_m[np.isfinite(maps.rms_m)]
+    values_mm = 1e3 * maps.rms_m
+    known_mm = values_mm[np.isfinite(values_mm)]
     low, high = (float(np.clip(f(known_mm, initial=10.0), 1.0, 1e4)) for f in (np.min, np.max))
     norm = LogNorm(low, max(high, 1.01 * low))
-    title = "RMS error of the preview point [mm],\nworst over all else"
-    return _draw(1e3 * maps.rms_m, maps, axes, names, norm, "viridis_r", title, "{:.3g}")
-
-
-def draw_held(maps: HeatMaps, axes: StudyAxes, names: tuple[str, ...]) -> Figure:
-    """Draw the share of runs that hold."""
-    title = "runs that hold the path [%],\nworst over all else"
-    norm = Normalize(0.0, 100.0)
-    return _draw(100.0 * maps.held, maps, axes, names, norm, "RdYlBu", title, "{:.0f}")
-
-
-def _draw(
-    values: FloatArray,
-    maps: HeatMaps,
-    axes: StudyAxes,
-    names: tuple[str, ...],
-    norm: Normalize,
-    colours: str,
-    title: str,
-    form: str,
-) -> Figure:
     columns = min(_COLUMNS, len(names))
     lines = -(-len(names) // columns)
     means, jitters = len(axes.mean.values), len(axes.jitter.values)
@@ -95,33 +72,22 @@ def _draw(
     panels = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
     for panel in panels.flat[len(names) :]:
         panel.set_visible(False)
+    edges = (np.arange(means + 1) - 0.5, np.arange(jitters + 1) - 0.5)
     for place, (name, panel) in enumerate(zip(names, panels.flat, strict=False)):
         panel.set_facecolor("0.75")
         panel.grid(visible=False)
-        edges = (np.arange(means + 1) - 0.5, np.arange(jitters + 1) - 0.5)
-        mesh = panel.pcolormesh(*edges, values[place], norm=norm, cmap=colours)
-        for row, column in np.ndindex(jitters, means):
-            is_hatched = maps.held[place, row, column] < 1.0
-            if is_hatched:
-                _hatch(panel, row, column)
-            if means * jitters <= _TEXT_CELLS_MAX and np.isfinite(values[place, row, column]):
-                value = float(values[place, row, column])
-                shade = mesh.cmap(norm(value))
-                ink = "black" if is_hatched or sum(shade[:3]) > 1.4 else "white"
-                label = panel.text(
-                    column, row, form.format(value), ha="center", va="center", color=ink, size=7.5
-                )
-                if is_hatched:
-                    label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.2})
+        mesh = panel.pcolormesh(*edges, values_mm[place], norm=norm, cmap="viridis_r")
+        for row, column in np.argwhere(maps.held[place] < 1.0).tolist():
+            _hatch(panel, row, column)
         panel.set_title(name, fontsize=10)
         panel.set_xticks(*_ticks(axes.mean.labels, 12))
         panel.set_yticks(*_ticks(axes.jitter.labels, 10))
         panel.tick_params(labelbottom=place + columns >= len(names))
     figure.supxlabel(axes.mean.title, fontsize=10)
     figure.supylabel(axes.jitter.title, fontsize=10)
+    title = "RMS error of the preview point [mm],\nworst over all else"
     bar = figure.colorbar(mesh, ax=panels, label=title, shrink=0.9, pad=0.02)
-    if isinstance(norm, LogNorm):  # of all minor ticks the labels would overlap
-        bar.ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+    bar.ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))  # of all, labels would overlap
     for axis_format in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
         axis_format("{x:g}")
     return figure
@@ -142,16 +108,15 @@ def _ticks(labels: tuple[str, ...], count: int) -> tuple[list[int], list[str]]:
     return places, [labels[place] for place in places]
 
 
-def map_section(axes: StudyAxes, pictures: Sequence[Picture]) -> Section:
+def map_section(axes: StudyAxes, picture: Picture) -> Section:
     """Return the heat maps."""
     others = f" ({', '.join(axes.others)})" if axes.others else ""
     return Section(
         "Mean latency and jitter",
         (
             f"Each cell shows the worst over everything else that varies{others}: the largest of "
-            "the medians over replicates of the RMS lateral error, and the smallest share of "
-            "replicates that hold the path. All laws have one scale of colours. A cell is hatched "
-            "if any run in it does not hold, however few.",
+            "the medians over replicates of the RMS lateral error. All laws have one scale of "
+            "colours. A cell is hatched if any run in it does not hold, however few.",
         ),
-        pictures,
+        (picture,),
     )

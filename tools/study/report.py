@@ -29,7 +29,7 @@ from ...runtime.settings import Settings
 from .against_pd import comparison_section
 from .axes import StudyAxes, study_axes
 from .fault_reactions import reaction_sections
-from .heat_maps import are_drawn, draw_held, draw_rms, heat_maps, map_section
+from .heat_maps import are_drawn, draw_rms, heat_maps, map_section
 from .law_by_delay import CURVES_MAX, draw_error_over_delay, law_by_delay, law_section
 from .worst_runs import worst_section
 
@@ -72,11 +72,8 @@ def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
     if not are_drawn(axes):
         return []
     maps = heat_maps(rows, axes, len(study.names))
-    pictures = [
-        _save(study, "heat_map_rms", lambda: draw_rms(maps, axes, study.names)),
-        _save(study, "heat_map_held", lambda: draw_held(maps, axes, study.names)),
-    ]
-    return [map_section(axes, pictures)]
+    picture = _save(study, "heat_map_rms", lambda: draw_rms(maps, axes, study.names))
+    return [map_section(axes, picture)]
 
 
 def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:

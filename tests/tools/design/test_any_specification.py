@@ -67,7 +67,6 @@ def specifications(draw: Draw) -> dict[str, Any]:
         "name": "drawn",
         "laws": laws,
         "rate_hz": draw(between(10.0, 1000.0)),
-        "minimise": draw(st.sampled_from(["rms", "peak_sensitivity", "noise_gain"])),
         "dob_q_kind": draw(st.sampled_from(["order_2", "type_2"])),
         "peak_sensitivity_max": draw(between(1.05, 50.0)),
         "noise_gain_rad_m_max": draw(between(0.01, 1000.0)),

@@ -59,7 +59,7 @@ replicates = 2
     + CORNERS
 )
 RUNS = 2 * 2 * 4 * 2 * 2
-PICTURES = ("error_over_delay", "heat_map_rms", "heat_map_held")
+PICTURES = ("error_over_delay", "heat_map_rms")
 PNG = b"\x89PNG"
 
 
