@@ -71,9 +71,9 @@ def test_the_report_needs_nothing_but_itself(
     written(tmp_path / "out", varying.log)
     assert not alike
     page = (tmp_path / "out" / "run" / "report.html").read_text()
-    assert page.count('<img alt="') == 3
+    assert page.count('<img alt="') == 2
     sources = re.findall(r"""src=["'](.{0,22})""", page)
-    assert sources == ["data:image/png;base64,"] * 3
+    assert sources == ["data:image/png;base64,"] * 2
     # The list of contents points into the page.
     assert {link[0] for link in re.findall(r"""href=["'](.)""", page)} == {"#"}
     assert not re.search(r"url\(|@import|<script|<link|<iframe", page)
