@@ -168,6 +168,8 @@ class ControllerNode:
             is_safety_due = self._safety.on_tick(fault, now_ns)
             stops = self.has_ended_with_plant or fault is not _NO_FAULT
             self.finished = stops and sent_rad == 0.0
+            if self.finished and self.has_ended_with_plant:
+                self._figures.on_end_of_plant(now_ns - self._received.silence_ns(now_ns))
         if self._status_timer.deadline_ns <= now_ns:
             served = self._status_timer.advance(now_ns)
             self._judge_signals(now_ns)

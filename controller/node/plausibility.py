@@ -21,7 +21,7 @@ and does little harm.
 A step adds at most this bound to a residual, so that a single forged VEHICLE_STATE is forgotten
 before it counts.
 
-Signals are opposed if what they say of the motion also correlates by OPPOSED or less: one of them
+Signals are opposed if what they say of the motion also correlates by less than OPPOSED: one of them
 has the wrong sign. No vehicle, lag or offset does that, and no law can steer by such signals.
 
 The means of all VEHICLE_STATE since the last judgement are judged with the controller's status.
@@ -139,7 +139,7 @@ def memory_step(bound: Bound, x: Memory, moved: Compared, lasted_s: float) -> Me
     product = kept * (x.product + one * other)
     one_2, other_2 = kept * (x.one_2 + one * one), kept * (x.other_2 + other * other)
     is_beyond = abs(residual) > bound.floor + bound.share * kept * (x.parts + parts)
-    is_opposed = is_beyond and product <= OPPOSED * sqrt(one_2 * other_2)
+    is_opposed = is_beyond and product < OPPOSED * sqrt(one_2 * other_2)
     return Memory(
         residual,
         kept * (x.parts + parts),

@@ -93,6 +93,8 @@ class RunFigures:
         self._mode_ns = dict.fromkeys(Mode, 0)
         self._mode, self._entered_ns = Mode.WAITING, start_ns
         self._holds = 0
+        self._before_hold: tuple[Mode, dict[Mode, int], int] | None = None
+        """Mode and times when the newest hold began, and when that was [ns]."""
         self.peak_steer_rad = 0.0
         self._law_ticks = 0
         self._squares_m2 = 0.0
@@ -105,8 +107,17 @@ class RunFigures:
         self._mode_ns[self._mode] += self.last_tick_ns - self._entered_ns
         if self._mode is Mode.WAITING:
             self._effect_ns = self.last_tick_ns
+        if entered is Mode.HOLDING:
+            self._holds += 1
+            self._before_hold = self._mode, dict(self._mode_ns), self.last_tick_ns
         self._mode, self._entered_ns = entered, self.last_tick_ns
-        self._holds += entered is Mode.HOLDING
+
+    def on_end_of_plant(self, silent_from_ns: int) -> None:
+        """Leave out the hold that came of the plant's end, since its last message [ns]."""
+        if self._before_hold is not None and self._before_hold[2] >= silent_from_ns:
+            self._mode, self._mode_ns, self.last_tick_ns = self._before_hold
+            self._entered_ns, self._holds = self.last_tick_ns, self._holds - 1
+            self._before_hold = None
 
     def on_effect(self, round_trip_ns: int, now_ns: int) -> None:
         """Record the first echo of a command: it has taken effect."""

@@ -14,7 +14,7 @@ from steer_by_wire.dbc.messages import (
     encode,
 )
 from steer_by_wire.runtime.frame import Frame
-from tests.support.frames.made_messages import command_of, error_of
+from tests.support.frames.made_messages import command_of, error_of, motion_of
 from tests.support.nodes.controller_link import PERIOD_NS, START_NS, Link, controller_settings
 
 
@@ -62,7 +62,21 @@ def test_a_controller_can_end_with_its_plant() -> None:
     tested = silent_after_a_run(ends_with_plant=True)
     assert tested.node.finished
     assert tested.node.has_ended_with_plant
-    assert tested.node.report()["failure"] == ""
+    report = tested.node.report()
+    assert report["failure"] == ""
+    assert (report["holds"], report["mode_s"]["safe_stop"]) == (0, 0.0)
+    assert report["verdict"] == "no effect"  # as this link echoes no command
+
+
+def test_a_stop_before_the_plant_ended_is_in_the_verdict() -> None:
+    tested = Link(ControllerNode(controller_settings(), START_NS, ends_with_plant=True))
+    tested.drive(20, 0.1)
+    for _ in range(60):
+        tested.deliver(motion_of(1.4))
+        tested.drive(1, None)
+    tested.drive(400, None)
+    assert tested.node.has_ended_with_plant
+    assert tested.node.report()["verdict"] == "safe stop"
 
 
 def test_a_controller_that_ends_with_its_plant_waits_for_its_first_frame() -> None:
