@@ -1,5 +1,7 @@
 """The car in motion: equal bits compiled, independent of who reads it, at rest at rest."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from steer_by_wire.closed_loop.pair.virtual_pair import (
 )
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_motion_params, plant_preset
+from steer_by_wire.plant_emulator.vehicle.car import car_motion
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 
 MS = 1_000_000
@@ -64,16 +67,54 @@ def test_readings_do_not_move_the_car() -> None:
 
 
 def test_a_parked_car_does_not_drift() -> None:
-    """With the wheel turned and wind: it settles on its tyres, and then stays for an hour."""
+    """With the wheel turned and wind it settles on its tyres; then no bit of its place changes.
+
+    So an hour later it stands where it stood.
+    """
     motion = car_on(
         "car.speed=[{at_s=0, speed_m_s=8}, {at_s=3, speed_m_s=0}]",
         "disturbance.steps=[{at_s=8, side_force_n=1500}]",
     )
     motion.command(0.05)
-    motion.advance(15_000 * MS)
-    parked = motion.linear, motion.place
+    motion.advance(40_000 * MS)
     assert motion.speed_m_s == 0.0
-    motion.advance(60_000 * MS)
-    (_, r, psi, y, *_), place = parked
-    assert motion.place == place
-    assert motion.linear[1:4] == pytest.approx((r, psi, y), abs=1e-9)
+    parked = motion.heading_error_rad, motion.lateral_error_m, motion.place
+    for later_ms in (40_001, 41_000, 45_000):
+        motion.advance(later_ms * MS)
+        assert (motion.heading_error_rad, motion.lateral_error_m, motion.place) == parked
+        assert abs(motion.yaw_rate_rad_s) < 1e-16
+
+
+def test_half_the_step_moves_the_error_by_less_than_one_percent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In a lane change that takes 0.6 of the grip, open loop."""
+
+    def rms_m() -> float:
+        motion, errors_m = car_on("vehicle.speed_m_s=25", "actuator.lag_s=0.05"), []
+        for tick in range(400):
+            motion.advance(tick * 10 * MS)
+            motion.command(0.03 * math.sin(math.tau * tick / 200))
+            errors_m.append(motion.lateral_error_m)
+        return float(np.sqrt(np.mean(np.square(errors_m))))
+
+    whole_m = rms_m()
+    monkeypatch.setattr(car_motion, "STEP_NS", MS // 2)
+    assert rms_m() == pytest.approx(whole_m, rel=0.01)
+    assert rms_m() != whole_m
+
+
+def test_the_place_on_the_path_follows_the_motion_at_large_angles() -> None:
+    """On a circle, at up to 46 degrees to it: the pose moves as the speeds say."""
+    motion = car_on("path={kind='circle', radius_m=40.0}", "car.initial_heading_error_rad=-0.5")
+    motion.command(-0.03)
+    x, y, _ = motion.pose
+    for tick in range(1, 700):
+        motion.advance(tick * MS)
+        _, (_, _, now, *_) = motion._state[1:]  # the speeds of the state itself
+        car, (at_x, at_y, heading) = now.car, motion.pose
+        heading -= 0.0005 * car.yaw_rate_rad_s
+        x += 1e-3 * (car.speed_m_s * math.cos(heading) - car.lateral_speed_m_s * math.sin(heading))
+        y += 1e-3 * (car.speed_m_s * math.sin(heading) + car.lateral_speed_m_s * math.cos(heading))
+    assert motion.heading_error_rad < -0.8
+    assert (at_x, at_y) == pytest.approx((x, y), abs=1e-3)
