@@ -68,6 +68,9 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             ),
             "dialect": _tool("dialect", "a car's own messages: new, check", "new", "check"),
             "design": _tool("design", "gains for your vehicle and any delay up to a limit"),
+            "feedback": _tool(
+                "feedback", "which delay makes a hand wheel with force feedback shake"
+            ),
             "generate-c": Program("tools.generate_c.__main__", "a controller as C99"),
             "study": _tool("study", "thousands of runs over latency, jitter, laws and vehicles"),
             "paper": _tool("paper", "the paper's figures and tables, reproduced"),

@@ -1,0 +1,65 @@
+"""The program ``steer-by-wire feedback``."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.tools.feedback.__main__ import main
+
+ONE_LOOP = ("--torque-gradients", "6", "--speeds-km-h", "80")
+
+
+def first_ms(path: Path, *options: str) -> dict[str, float]:
+    assert main([*ONE_LOOP, "--json", str(path), *options]) == 0
+    loops = json.loads(path.read_text())["loops"]
+    return {row["grip"]: 1e3 * row["unstable"][0]["start_s"] for row in loops if row["unstable"]}
+
+
+def test_damping_and_an_observer_let_the_wheel_bear_a_longer_round_trip(tmp_path: Path) -> None:
+    plain = first_ms(tmp_path / "plain.json")
+    assert list(plain) == ["hands_off", "loose"]  # the others never shake
+    damped = first_ms(tmp_path / "damped.json", "--damping", "0.65")
+    observed = first_ms(tmp_path / "cdob.json", "--cdob", "50")
+    assert plain["hands_off"] < plain["loose"]
+    assert 5 * plain["hands_off"] < damped["hands_off"] < observed["hands_off"]
+
+
+def test_the_table_and_the_picture_show_the_same_loops(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "feedback.png"
+    assert main([*ONE_LOOP, "--preset", "bmw_320i", "--plot", str(picture)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0] == "first unstable round trip [ms], bmw_320i, cycle 1 ms"
+    assert [line.split()[1] for line in printed[2:]] == ["hands", "loose", "light", "firm"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "refusal"),
+    [("--torque-gradients", "6,x", "0.01 to 1000 N m/rad"), ("--cycle-ms", "0", "0.001 to 100 ms")],
+)
+def test_a_wrong_number_is_refused_with_its_range(
+    option: str, value: str, refusal: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([option, value])
+    assert refusal in capsys.readouterr().err
+
+
+def test_an_unknown_preset_is_refused_with_the_known_ones(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["--preset", "tank"]) == 2
+    assert "large_sedan" in capsys.readouterr().err
+
+
+def test_its_page_shows_what_it_prints(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "feedback.md").read_text(encoding="utf-8")
+    commands, block = re.findall(r"```(?:sh|text)\n(.*?)```", page, re.DOTALL)
+    for command in commands.splitlines():
+        assert main(command.split()[2:]) == 0
+    printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert printed == block.splitlines()

@@ -1,0 +1,1 @@
+"""Program ``steer-by-wire feedback``: the stable round trips of force feedback."""

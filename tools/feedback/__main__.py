@@ -1,0 +1,174 @@
+"""Find which round trip of the bus makes a hand wheel with force feedback shake.
+
+    steer-by-wire feedback --preset large_sedan --speeds-km-h 30,80,130 --plot feedback.png
+
+For each torque gradient, grip and speed it prints the first unstable round trip of the bus, both
+ways together: exact for whole cycles, for small angles and the tyres' grip at rest. "again" marks a
+loop that is stable again at a longer round trip; --json has every range. The last column is the
+round trip up to which the wheel is passive after Colgate, from damping and torque gradient alone.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import partial
+from itertools import product
+from math import inf
+from typing import Any, NamedTuple
+
+from rich.table import Table
+
+from steer_by_wire.closed_loop.reports.terminal import plain_console, plain_table
+from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.hand_wheel.sampled_loop import (
+    FeedbackCdob,
+    UnstableRange,
+    sampled_feedback,
+    unstable_round_trips,
+)
+from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
+from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
+from steer_by_wire.plant_emulator.vehicle.motion_parameters import vehicle_params
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
+from steer_by_wire.runtime.command_line import (
+    add_json_argument,
+    command_parser,
+    number,
+    output_file,
+    run_main,
+)
+from steer_by_wire.runtime.exit_status import ExitStatus
+from steer_by_wire.runtime.output_file import write_file
+from steer_by_wire.runtime.program.report import show_or_write
+from steer_by_wire.runtime.settings import load_settings, read_preset
+
+NAME = "steer-by-wire feedback"
+UP_TO_S = 2.0
+"""The longest round trip that is looked at."""
+
+
+class Row(NamedTuple):
+    """One loop and its ranges of unstable round trips."""
+
+    torque_gradient_n_m: float
+    grip: str
+    speed_km_h: float
+    unstable: tuple[UnstableRange, ...]
+    passive_s: float
+
+    @property
+    def first_s(self) -> float:
+        """The first unstable round trip [s]."""
+        return self.unstable[0].start_s if self.unstable else inf
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = command_parser(
+        NAME, __doc__, f"{NAME} --torque-gradients 6 --speeds-km-h 80 --cdob 50"
+    )
+    parser.add_argument(
+        "--preset", default="large_sedan", metavar="NAME",
+        help="the plant preset whose [vehicle] is taken (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--torque-gradients", type=_numbers(0.01, 1000.0, "N m/rad"), default=[3.0, 6.0, 12.0],
+        metavar="N_M,...", help="torque per angle of the hand wheel (default: 3,6,12)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--speeds-km-h", type=_numbers(1.0, 250.0, "km/h"), default=[30.0, 80.0, 130.0],
+        metavar="KM_H,...", help="default: 30,80,130",
+    )  # fmt: skip
+    wheel, rack = HandWheel(), Rack()
+    for option, default, high, unit, what in (
+        ("--cycle-ms", 1.0, 100.0, "ms", "cycle of the feedback"),
+        ("--damping", wheel.damping_n_m_s, 100.0, "N m s/rad", "damping of the hand wheel"),
+        ("--inertia", wheel.inertia_kg_m2, 10.0, "kg m2", "inertia of the hand wheel"),
+        ("--rack-hz", rack.bandwidth_hz, 100.0, "Hz", "bandwidth of the rack's servo"),
+        ("--ratio", rack.steering_ratio, 100.0, "", "hand wheel angle per road wheel angle"),
+    ):
+        parser.add_argument(
+            option, type=number(1e-3, high, unit), default=default, metavar="VALUE",
+            help=f"{what}{f' [{unit}]' if unit else ''} (default: %(default)g)",
+        )  # fmt: skip
+    parser.add_argument(
+        "--cdob", type=number(0.1, 1000.0, "rad/s"), metavar="RAD_S",
+        help="add a communication disturbance observer of this bandwidth at the wheel",
+    )  # fmt: skip
+    parser.add_argument(
+        "--washout", type=number(0.0, 100.0, "rad/s"), default=2.0, metavar="RAD_S",
+        help="of the observer; slower torque is the road's alone (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--plot", type=output_file, metavar="FILE.png",
+        help="draw the first unstable round trip over the torque gradient",
+    )  # fmt: skip
+    add_json_argument(parser)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    preset = read_preset(PRESETS, options.preset)
+    vehicle = vehicle_params(load_settings(PlantSettings, preset).vehicle)
+    rows = [
+        feedback_row(options, vehicle, *case)
+        for case in product(options.torque_gradients, GRIPS, options.speeds_km_h)
+    ]
+    record = [row._asdict() | {"unstable": [r._asdict() for r in row.unstable]} for row in rows]
+    title = f"first unstable round trip [ms], {options.preset}, cycle {options.cycle_ms:g} ms"
+    show = partial(plain_console().print, result_table(rows, options.speeds_km_h, title))
+    show_or_write(options.json, {"preset": options.preset, "loops": record}, show)
+    if options.plot is not None:
+        from steer_by_wire.tools.feedback.picture import draw  # loads matplotlib
+
+        gradients = [1.0 * 1.2**step for step in range(18)]
+        drawn = [
+            feedback_row(options, vehicle, *case)
+            for case in product(gradients, GRIPS, options.speeds_km_h)
+        ]
+        points = [(r.speed_km_h, r.grip, r.torque_gradient_n_m, r.first_s) for r in drawn]
+        write_file(options.plot, draw(points, options.cycle_ms / 1e3, options.preset))
+    return ExitStatus.OK
+
+
+def feedback_row(
+    options: argparse.Namespace, vehicle: VehicleParams, gradient_n_m: float, grip: str, km_h: float
+) -> Row:
+    """Return the unstable round trips of one loop."""
+    cycle_s, damping_n_m_s = options.cycle_ms / 1e3, options.damping
+    rack = Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio)
+    road = road_torque(vehicle._replace(speed_m_s=km_h / 3.6), gradient_n_m, rack)
+    wheel = held_wheel(HandWheel(options.inertia, damping_n_m_s), GRIPS[grip])
+    cdob = None if options.cdob is None else FeedbackCdob(road, options.cdob, options.washout)
+    loop = sampled_feedback(wheel, road, cycle_s, cdob)
+    held_n_m_s = damping_n_m_s + GRIPS[grip].damping_n_m_s
+    passive_s = max(0.0, held_n_m_s / gradient_n_m - 0.5 * cycle_s)
+    return Row(gradient_n_m, grip, km_h, unstable_round_trips(loop, UP_TO_S), passive_s)
+
+
+def result_table(rows: Sequence[Row], speeds_km_h: Sequence[float], title: str) -> Table:
+    """Return a line for each torque gradient and grip, a column for each speed."""
+    table = plain_table(
+        ("gradient [N m/rad]", "grip"), [*(f"{v:g} km/h" for v in speeds_km_h), "passive"], title
+    )
+    for first in range(0, len(rows), len(speeds_km_h)):
+        line = rows[first : first + len(speeds_km_h)]
+        gradient, grip = f"{line[0].torque_gradient_n_m:g}", line[0].grip.replace("_", " ")
+        table.add_row(gradient, grip, *map(_cell, line), f"{1e3 * line[0].passive_s:.0f}")
+    return table
+
+
+def _cell(row: Row) -> str:
+    if not row.unstable:
+        return "never"
+    again = "" if row.unstable[0].end_s is None else ", again"
+    return f"{1e3 * row.first_s:.1f}{again}"
+
+
+def _numbers(low: float, high: float, unit: str) -> Any:
+    read = number(low, high, unit)
+    return lambda text: [read(part) for part in text.split(",")]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
