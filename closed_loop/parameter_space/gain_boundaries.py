@@ -77,14 +77,12 @@ class Window(NamedTuple):
 class BoundaryCurve(NamedTuple):
     """One connected boundary in the window.
 
-    ``gains``    (K_p, K_d), shape (n, 2): a polyline, n = 2 for a straight line
-    ``s_rad_s``  the root that sits on ∂Γ at each of them, shape (n,)
+    ``gains``  (K_p, K_d), shape (n, 2): a polyline, n = 2 for a straight line
     """
 
     bound: Bound
     kind: RootKind
     gains: FloatArray
-    s_rad_s: ComplexArray
 
 
 class _End(NamedTuple):
@@ -192,18 +190,16 @@ def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[Boundar
     def at(parameters: FloatArray) -> FloatArray:
         return (gains_of(loop, piece.s_of(parameters)) - window.origin) / window.sides
 
-    parameters, points, drawn = _adapted(at, piece.first)
+    points, drawn = _adapted(at, piece.first)
     apex = piece.start
     if apex is not None and math.isclose(piece.first[0], apex.step, rel_tol=1e-9):
-        parameters = np.insert(parameters, 0, 0.0)
         limit = _limit(at, apex) * window.sides + window.origin
         limit = _on_line(limit, real_root_line(loop, float(piece.s_of(np.zeros(1))[0].real)))
         points = np.insert(points, 0, (limit - window.origin) / window.sides, axis=0)
         drawn = np.insert(drawn, 0, True)
     for start, stop in _runs(drawn):
         gains = points[start : stop + 1] * window.sides + window.origin
-        s_rad_s = piece.s_of(parameters[start : stop + 1])
-        yield BoundaryCurve(piece.bound, RootKind.COMPLEX, gains, s_rad_s)
+        yield BoundaryCurve(piece.bound, RootKind.COMPLEX, gains)
 
 
 def _limit(at: Callable[[FloatArray], FloatArray], end: _End) -> FloatArray:
@@ -228,7 +224,7 @@ def _straight_lines(loop: GainLoop, spec: DStability, window: Window) -> Iterato
         line = real_root_line(loop, s_rad_s)
         ends = None if line is None else _clipped(line, window)
         if ends is not None:
-            yield BoundaryCurve(bound, RootKind.REAL, ends, np.full(2, complex(s_rad_s)))
+            yield BoundaryCurve(bound, RootKind.REAL, ends)
 
 
 def _clipped(line: GainLine, window: Window) -> FloatArray | None:
@@ -251,10 +247,10 @@ def _clipped(line: GainLine, window: Window) -> FloatArray | None:
 
 def _adapted(
     at: Callable[[FloatArray], FloatArray], parameters: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
+) -> tuple[FloatArray, BoolArray]:
     """Sample a plane curve as densely as it bends, in and near the unit square.
 
-    Intervals are halved until their middle lies on the chord. Returns parameters, points, and which
+    Intervals are halved until their middle lies on the chord. Returns points, and which
     of the intervals between them belong to the curve. Intervals away from the square do not, nor
     those that halving does not straighten, such as across a pole.
     """
@@ -274,12 +270,12 @@ def _adapted(
         open_[left] = bent
         split = left[bent]
         if not len(split):
-            return parameters, points, drawn
+            return points, drawn
         parameters = np.insert(parameters, split + 1, middles[bent])
         points = np.insert(points, split + 1, between[bent], axis=0)
         drawn = np.insert(drawn, split + 1, True)
         open_ = np.insert(open_, split + 1, True)
-    return parameters, points, drawn & ~open_
+    return points, drawn & ~open_
 
 
 def _off_chord(before: FloatArray, between: FloatArray, after: FloatArray) -> FloatArray:

@@ -79,11 +79,10 @@ class Table(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A PNG, its text alternative, and the file next to the page with the data that it draws."""
+    """A PNG, and its text alternative."""
 
     png: bytes
     text: str
-    data: str = ""
 
 
 class Section(NamedTuple):
@@ -138,11 +137,7 @@ def _section(section: Section) -> str:
 def _picture(picture: Picture) -> str:
     data = b64encode(picture.png).decode("ascii")
     image = f'<img alt="{escape(picture.text)}" src="data:image/png;base64,{data}" />'
-    image = f'<div class="picture" tabindex="0">{image}</div>'  # keys scroll what has the focus
-    if not picture.data:
-        return image
-    link = _inline(Cell(picture.data, link=picture.data))
-    return f'{image}\n<p class="caption">Data: {link}</p>'
+    return f'<div class="picture" tabindex="0">{image}</div>'  # keys scroll what has the focus
 
 
 def _table(table: Table) -> str:

@@ -170,7 +170,7 @@ def reproduce(key: str, out: str) -> Reproduction:
     with plot_style():
         made = function_of(entry_of(key))()
         write_reproduction(made, Path(out))
-    drawn = (picture._replace(figure=Figure(), columns={}) for picture in made.pictures)
+    drawn = (picture._replace(figure=Figure()) for picture in made.pictures)
     return made._replace(pictures=tuple(drawn))
 
 

@@ -87,8 +87,7 @@ def _summary(written: Sequence[Reproduction]) -> Table:
 
 def _section(item: Reproduction, read_png: Callable[[str], bytes]) -> Section:
     pictures = [
-        Picture(read_png(drawn.name), f"{heading(item)} ({drawn.name})", f"{drawn.name}.csv")
-        for drawn in item.pictures
+        Picture(read_png(drawn.name), f"{heading(item)} ({drawn.name})") for drawn in item.pictures
     ]
     comparisons = Table(
         ("Quantity", "Published", "Reproduced", "Agrees"),

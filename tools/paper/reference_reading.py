@@ -138,21 +138,18 @@ def alike(statement: str, quantity: Quantity, laws: tuple[Law, Law]) -> list[Com
 def picture(name: str, label: str, quantity: Quantity, laws: tuple[Law, Law]) -> Picture:
     """Draw a quantity of two laws on the reference, a panel for each filter."""
     figure = Figure(figsize=(10.5, 4.2))
-    columns: dict[str, FloatArray] = {}
     for axes, filter_rad_s in zip(
         figure.subplots(1, len(FILTERS_RAD_S), sharey=True), FILTERS_RAD_S, strict=True
     ):
         for colour, law in zip(COLOURS, laws, strict=False):
             time_s, values = _run(law, filter_rad_s).time_s, _values(law, filter_rad_s, quantity)
-            columns["time_s"] = time_s[::_STEP]
-            columns[f"N {filter_rad_s:g} rad/s: {law.label}"] = values[::_STEP]
             text = f"{law.label}, RMS {rms(values):.3g}"
             axes.plot(time_s[::_STEP], values[::_STEP], color=colour, lw=0.9, label=text)
         axes.set(xlabel="time [s]")
         axes.set_title(f"Path as the reference, N = {filter_rad_s:g} rad/s", fontsize=10.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
     figure.axes[0].set_ylabel(label)
-    return Picture(name, figure, columns)
+    return Picture(name, figure)
 
 
 def _compared(

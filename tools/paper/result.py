@@ -1,21 +1,14 @@
-"""The reproduction of one figure or table: pictures, data, a verdict, and the files of these.
+"""The reproduction of one figure or table: pictures as PNG, a verdict, and a summary as JSON."""
 
-A PNG and a CSV per picture, and a summary as JSON.
-"""
-
-import csv
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
-from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from ...runtime.array_types import FloatArray
-from ...runtime.output_file import open_text, write_text
+from ...runtime.output_file import write_text
 
 
 class Verdict(StrEnum):
@@ -29,15 +22,10 @@ class Verdict(StrEnum):
 
 
 class Picture(NamedTuple):
-    """One picture and the data drawn in it.
-
-    ``name``     of its files, without suffix: figure_09, figure_09_with_delay
-    ``columns``  one table, all of one length: a header with the unit in the name, and numbers
-    """
+    """One picture; ``name`` is that of its file, without suffix: figure_12, figure_12_filtered."""
 
     name: str
     figure: Figure
-    columns: Mapping[str, FloatArray]
 
 
 CLAIM, NUMBER = "claim", "number"
@@ -109,21 +97,9 @@ def write_reproduction(reproduction: Reproduction, folder: Path) -> None:
     """Write all files of a reproduction, the summary last; raises OSError."""
     for picture in reproduction.pictures:
         picture.figure.savefig(folder / f"{picture.name}.png")
-        write_columns(picture, folder / f"{picture.name}.csv")
     record = reproduction._asdict() | {
         "pictures": [picture.name for picture in reproduction.pictures],
         "comparisons": [comparison._asdict() for comparison in reproduction.comparisons],
     }
     file = folder / f"{reproduction.key}.json"
     write_text(file, json.dumps(record, indent=1, ensure_ascii=False))
-
-
-def write_columns(picture: Picture, file: Path) -> None:
-    """Write the data of a picture, with all digits; what is not a number stays empty."""
-    with open_text(file) as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(picture.columns)
-        rows = zip_longest(
-            *(values.tolist() for values in picture.columns.values()), fillvalue=math.nan
-        )
-        writer.writerows(["" if math.isnan(one) else repr(one) for one in row] for row in rows)

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from ...closed_loop.pair.pair_result import rms
 from ...closed_loop.reports.plot_style import COLOURS
 from ...controller.settings import controller_preset
-from ...runtime.array_types import FloatArray
 from . import published
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, paper_plant, simulate
@@ -89,7 +88,7 @@ def table_2() -> Reproduction:
         "K_p = 1.0596, K_d = 0.939, ideal derivative; DOB with G_n of (19) and Q of (20), "
         "ω_c = 5 rad/s; sampled at 1 kHz, no delay. Columns: 4 km/h 1600 kg, 4 km/h 5000 kg, "
         "7 km/h 1600 kg, 7 km/h 5000 kg.",
-        (Picture("table_2", _draw(pd, dob), _columns([*pd, *dob])),),
+        (Picture("table_2", _draw(pd, dob)),),
         comparisons,
         verdict_of(comparisons, is_corrected=True),
         _WHY,
@@ -151,14 +150,6 @@ def _is_reduced(pd: Row, dob: Row) -> Comparison:
 
 def _text(row: Row) -> str:
     return " ".join(f"{value:.4f}" for value in row.rms_m) + " m"
-
-
-def _columns(rows: Sequence[Row]) -> dict[str, FloatArray]:
-    return {
-        "speed_km_h": np.array([column.speed_km_h for column in published.TABLE_2]),
-        "virtual_mass_kg": np.array([column.virtual_mass_kg for column in published.TABLE_2]),
-        **{f"{row.label} rms_m": np.array(row.rms_m) for row in rows},
-    }
 
 
 def _draw(pd: Sequence[Row], dob: Sequence[Row]) -> Figure:

@@ -1,7 +1,5 @@
 """Figures 7 and 8 of the paper: what they say comes out of the computation."""
 
-import numpy as np
-
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.tools.paper.figures.parameter_space_figures import figure_7, figure_8
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
@@ -11,8 +9,6 @@ from tests.support.suite.curves import alike_without_colour
 def reproduced(reproduction: Reproduction) -> dict[str, str]:
     for picture in reproduction.pictures:
         assert not alike_without_colour(picture.figure)
-        assert len({len(column) for column in picture.columns.values()}) == 1
-        assert all(column.dtype == np.float64 for column in picture.columns.values())
     return {c.quantity: c.reproduced for c in reproduction.comparisons}
 
 

@@ -5,7 +5,6 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -38,7 +37,7 @@ COMPARISONS = (
 
 
 def written(key: str = "figure_08", verdict: Verdict = Verdict.REPRODUCED) -> Reproduction:
-    pictures = tuple(Picture(name, Figure(), {}) for name in ("one", "two"))
+    pictures = tuple(Picture(name, Figure()) for name in ("one", "two"))
     return Reproduction(key, "A title", "A caption", pictures, COMPARISONS, verdict, "A reason")
 
 
@@ -65,10 +64,9 @@ def test_every_computed_figure_and_table_of_the_paper_is_registered() -> None:
     assert not set(numbers_of("figure")) & set(NOT_COMPUTED["figure"])
 
 
-def test_one_figure_leaves_its_picture_its_data_its_summary_and_the_page(out: Path) -> None:
+def test_one_figure_leaves_its_picture_its_summary_and_the_page(out: Path) -> None:
     assert {path.name for path in out.iterdir()} == {
         "figure_08.png",
-        "figure_08.csv",
         "figure_08.json",
         "index.html",
     }
@@ -81,7 +79,7 @@ def test_the_page_of_a_run_is_self_contained_and_well_formed(out: Path) -> None:
     text = (out / "index.html").read_text(encoding="utf-8")
     root = parsed(text)
     assert [image.get("src", "")[:22] for image in root.iter("img")] == ["data:image/png;base64,"]
-    assert [link.get("href") for link in root.iter("a")] == ["#figure_08", "figure_08.csv"]
+    assert [link.get("href") for link in root.iter("a")] == ["#figure_08"]
     assert root.find(".//section[@id='figure_08']") is not None
     assert not re.search(r"<script|<link|@import|url\(|https?:", text)
     assert Verdict.NOT_REPRODUCIBLE in text
@@ -95,7 +93,7 @@ def test_the_page_says_every_verdict_and_every_comparison() -> None:
         section = root.find(f".//section[@id='{item.key}']")
         assert section is not None
         text = "".join(section.itertext())
-        for expected in (item.verdict, item.why, item.caption, "0.3 m", "peak 0.2 m", "one.csv"):
+        for expected in (item.verdict, item.why, item.caption, "0.3 m", "peak 0.2 m"):
             assert expected in text
 
 
@@ -105,7 +103,7 @@ def test_whatever_a_figure_says_is_escaped() -> None:
         f"figure_8_{evil}",
         evil,
         evil,
-        (Picture(evil, Figure(), {}),),
+        (Picture(evil, Figure()),),
         (Comparison(evil, evil, evil, None),),
         Verdict.REPRODUCED,
         evil,
@@ -113,7 +111,7 @@ def test_whatever_a_figure_says_is_escaped() -> None:
     text = page_of(item)
     assert "<script" not in text
     root = parsed(text)
-    assert "".join(root.itertext()).count("<script>") == 8
+    assert "".join(root.itertext()).count("<script>") == 7
 
 
 @pytest.mark.usefixtures("same_process", "unrendered")
@@ -129,15 +127,12 @@ def test_a_figure_that_fails_does_not_keep_the_others_from_being_written(tmp_pat
 def test_figures_are_on_the_page_in_the_paper_s_order(tmp_path: Path) -> None:
     done = []
     for key in ("table_2", "figure_09"):
-        picture = Picture(
-            key, Figure(), {"time_s": np.array([0.0, 0.1]), "end_m": np.array([np.nan, 2.0])}
-        )
+        picture = Picture(key, Figure())
         made = Reproduction(key, "t", "c", (picture,), COMPARISONS, Verdict.REPRODUCED, "w")
         write_reproduction(made, tmp_path)
         done.append(made)
     page = reproduce_paper.write_index(tmp_path, done).read_text(encoding="utf-8")
     assert re.findall(r'<section id="(\w+)">', page) == ["s1", "figure_09", "table_2"]
-    assert (tmp_path / "table_2.csv").read_text(encoding="utf-8") == "time_s,end_m\n0.0,\n0.1,2.0\n"
     assert json.loads((tmp_path / "table_2.json").read_bytes())["key"] == "table_2"
 
 

@@ -38,7 +38,6 @@ STEER_SHOWN_S = 10.0
 """Only the first seconds of the steer are drawn: later, a limit cycle is a filled area."""
 
 _ERROR_STEP_S, _STEER_STEP_S = 0.02, 0.005
-_COLUMN = {False: "lateral_error_m", True: "wheel_angle_rad"}
 _COLOUR_OF = {"PD": COLOURS[0], "PD+CDOB": COLOURS[1], "DDOB": COLOURS[2]}
 """A law has one colour in all pictures."""
 
@@ -191,21 +190,18 @@ def _steers_alike(item: Compared) -> Comparison:
 def panels(name: str, shown: Sequence[Compared], *, steer: bool) -> Picture:
     """Draw lateral errors, or steers, of several variants, on one scale."""
     figure = Figure(figsize=(12.0, 4.6))
-    columns: dict[str, FloatArray] = {}
     for axes, (variant, runs) in zip(
         figure.subplots(1, len(shown), sharex=True, sharey=True), shown, strict=True
     ):
         for label, run in runs.items():
             few = _shown(run, steer)
-            columns["time_s"] = few.time_s
-            columns[f"{variant.title}: {label} {_COLUMN[steer]}"] = _values(few, steer)
             text = f"{label}, RMS {rms(_values(run, steer)):.3g} {'rad' if steer else 'm'}"
             axes.plot(few.time_s, _values(few, steer), color=_COLOUR_OF[label], lw=0.9, label=text)
         axes.set(xlabel="time [s]")
         axes.set_title(variant.title, fontsize=10.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=1)
     _scale(figure.axes[0], steer)
-    return Picture(name, figure, columns)
+    return Picture(name, figure)
 
 
 def _scale(axes: Axes, steer: bool) -> None:

@@ -18,7 +18,7 @@ from ....closed_loop.parameter_space.root_count import on_axis
 from ....controller.filters.nominal_model import paper_eq19
 from ....runtime.array_types import FloatArray
 from ..continuous_loop import continuous_law, dob_alone, dob_q, reference_response
-from ..corners import CORNERS, corner_labels, corner_plants, published_law
+from ..corners import corner_labels, corner_plants, published_law
 from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 CUTOFF_RAD_S = 5.0
@@ -156,14 +156,7 @@ def _response_picture(name: str, spreads: Spreads, inner: str) -> Picture:
     lower.set(ylabel=f"|{inner}| [dB, m/rad]", xlabel="ω [rad/s]")
     lower.set(title=f"What the PD acts on, {inner}")
     upper.legend(loc="lower left")
-    columns = {"omega_rad_s": spreads.closed_loop.omega_rad_s}
-    for quantity, responses in (("y_per_r", spreads.closed_loop), ("y_per_u", spreads.regulated)):
-        columns |= {
-            f"{quantity}_{corner}_db": 20.0 * np.log10(size)
-            for corner, size in zip(CORNERS, responses.size, strict=True)
-        }
-        columns[f"{quantity}_spread_db"] = 20.0 * np.log10(responses.spread)
-    return Picture(name, figure, columns)
+    return Picture(name, figure)
 
 
 def _draw_corners(axes: Axes, responses: CornerResponses) -> None:

@@ -4,15 +4,13 @@ The paper designs for the continuous nominal loop alone.
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ....closed_loop.parameter_space.d_stability import judge, paper_d_stability
-from ....closed_loop.parameter_space.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
+from ....closed_loop.parameter_space.gain_boundaries import Window
 from ....closed_loop.parameter_space.gain_loop import GainLoop
 from ....closed_loop.parameter_space.gain_regions import GainRegion, d_stable_region
 from ....closed_loop.parameter_space.region_pictures import (
@@ -22,7 +20,7 @@ from ....closed_loop.parameter_space.region_pictures import (
     fill_region,
 )
 from ....controller.filters.nominal_model import paper_eq19
-from ....runtime.array_types import ComplexArray, FloatArray
+from ....runtime.array_types import ComplexArray
 from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 # ruff: noqa: RUF001  # σ is the paper's symbol
@@ -64,7 +62,7 @@ def figure_7() -> Reproduction:
         "figure_07",
         "D-stability boundaries",
         "Plant (19), continuous, C = K_p + K_d s; σ = 0.3 1/s, θ = 135°, R = 1.3 rad/s.",
-        (Picture("figure_07", figure, curve_columns(region.curves)),),
+        (Picture("figure_07", figure),),
         (
             unpublished(
                 "dominant roots at the published gains",
@@ -120,7 +118,7 @@ def figure_8() -> Reproduction:
         "Plant (19), continuous, C = K_p + K_d s; σ = 0.3 1/s, θ = 135°, R = 1.3 rad/s; published"
         f" gains K_p = {PUBLISHED_K_P_RAD_M}, K_d = {PUBLISHED_K_D_RAD_S_M}. The region goes on"
         " above the picture.",
-        (Picture("figure_08", figure, region_columns([region])),),
+        (Picture("figure_08", figure),),
         (
             Comparison(
                 "published gains", "in the region", "inside" if inside else "outside", inside
@@ -155,38 +153,3 @@ def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:
 
 def _verdict(agrees: bool) -> Verdict:
     return Verdict.WITH_CORRECTION if agrees else Verdict.NOT_REPRODUCIBLE
-
-
-def curve_columns(curves: Sequence[BoundaryCurve]) -> dict[str, FloatArray]:
-    """Return every boundary, point by point; bound and root count the legend's from 1."""
-    bounds, kinds = list(Bound), list(RootKind)
-    labels = [(i, bounds.index(c.bound) + 1, kinds.index(c.kind) + 1) for i, c in enumerate(curves)]
-    each = np.repeat(np.array(labels, dtype=np.float64), [len(c.gains) for c in curves], axis=0)
-    gains = np.concatenate([curve.gains for curve in curves])
-    s_rad_s = np.concatenate([curve.s_rad_s for curve in curves])
-    return {
-        "curve": each[:, 0],
-        "bound_sigma_theta_r": each[:, 1],
-        "root_complex_real": each[:, 2],
-        "k_p_rad_m": gains[:, 0],
-        "k_d_rad_s_m": gains[:, 1],
-        "s_real_rad_s": s_rad_s.real,
-        "s_imag_rad_s": s_rad_s.imag,
-    }
-
-
-def region_columns(regions: Sequence[GainRegion]) -> dict[str, FloatArray]:
-    """Return the edge of every region, ring by ring."""
-    rings = [
-        (index, np.asarray(ring.coords))
-        for index, region in enumerate(regions)
-        for part in shapely.get_parts(region.polygon)
-        for ring in (part.exterior, *part.interiors)
-    ]
-    gains = np.concatenate([ring for _, ring in rings])
-    return {
-        "region": np.concatenate([np.full(len(ring), float(index)) for index, ring in rings]),
-        "ring": np.concatenate([np.full(len(ring), float(i)) for i, (_, ring) in enumerate(rings)]),
-        "k_p_rad_m": gains[:, 0],
-        "k_d_rad_s_m": gains[:, 1],
-    }

@@ -70,23 +70,20 @@ def figure_9() -> Reproduction:
 
 
 def _uncertainty_picture() -> Picture:
-    columns = {"omega_rad_s": _OMEGA_RAD_S}
     figure = Figure(figsize=(8.0, 4.8))
     axes = figure.subplots()
-    for corner, label, plant in zip(CORNERS, corner_labels(), corner_plants(), strict=True):
+    for label, plant in zip(corner_labels(), corner_plants(), strict=True):
         uncertainty = np.abs(multiplicative_uncertainty(plant, paper_eq19(), _OMEGA_RAD_S))
         inverse_db = -20.0 * np.log10(uncertainty)
-        columns[f"inverse_uncertainty_{corner}_db"] = inverse_db
         axes.semilogx(_OMEGA_RAD_S, inverse_db, label=f"1/|Δ_m|, {label}")
     q_db = 20.0 * np.log10(np.abs(q_order_2(CUTOFF_RAD_S).response(on_axis(_OMEGA_RAD_S))))
-    columns["q_db"] = q_db
     label = f"|Q|, ω_c = {CUTOFF_RAD_S:g} rad/s"
     axes.semilogx(_OMEGA_RAD_S, q_db, color="black", lw=2.0, label=label)
     axes.set(xlabel="ω [rad/s]", ylabel="size [dB]", ylim=(-40.0, 40.0))
     axes.set_title("|Q| against 1/|Δ_m|, G_n of (19)")
     axes.margins(x=0.0)
     axes.legend(loc="lower left", fontsize=9)
-    return Picture("figure_09", figure, columns)
+    return Picture("figure_09", figure)
 
 
 class NetworkVerdict(NamedTuple):
@@ -198,5 +195,4 @@ def _network_picture(name: str, settings: ControllerSettings, subtitle: str) -> 
     axes.text(
         0.62, 0.05, f"condition {condition}\nexact: {exact}", transform=axes.transAxes, fontsize=10
     )
-    columns = {"omega_rad_s": _OMEGA_RAD_S, "nominal_closed_loop_db": closed_db}
-    return Picture(name, figure, columns | {"inverse_uncertainty_db": inverse_db})
+    return Picture(name, figure)
