@@ -36,9 +36,7 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     LAWS,
     LawResult,
     law_result,
-    machine_table,
     phases_of,
-    stolen_line,
     story_table,
     summary_json,
     verdict_line,
@@ -111,8 +109,6 @@ def _present(
     console.print("What to see:")
     for line in what_to_see(results, phases):
         console.print(f"  {line}", soft_wrap=True)
-    console.print(machine_table(results))
-    console.print(stolen_line([result.live for result in results]))
     console.print(f"picture: {picture}", soft_wrap=True)
     console.print(f"all figures: {out / 'summary.json'}", soft_wrap=True)
     console.print(verdict_line(results), soft_wrap=True)

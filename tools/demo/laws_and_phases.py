@@ -144,7 +144,7 @@ def _phase_figures(settings: PlantSettings, trace: Trace, phase: Phase) -> Phase
 
 def story_table(results: Sequence[LawResult], phases: Sequence[Phase]) -> Table:
     """Return RMS error and verdict: a row a law, a column a phase; it fits 80 columns."""
-    table = _table()
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column("RMS error of the\ncar itself [mm]")
     for phase in phases:
         table.add_column(phase.title.replace(", ", ",\n"), justify="right", no_wrap=True)
@@ -152,25 +152,6 @@ def story_table(results: Sequence[LawResult], phases: Sequence[Phase]) -> Table:
         table.add_row(result.label, *map(_cell, result.live_phases))
         table.add_row("  in virtual time", *map(_cell, result.virtual_phases), style="dim")
         table.add_row("  verdict", *(str(phase.verdict) for phase in result.live_phases))
-    return table
-
-
-def machine_table(results: Sequence[LawResult]) -> Table:
-    """Return rate, lateness, skipped ticks and rejected frames, a row a law."""
-    table = _table()
-    table.add_column("on the bus")
-    for heading in ("rate\n[Hz]", "lateness [ms]\np50/p99", "skipped\nticks", "frames\nrejected"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for result in results:
-        controller = result.live.controller
-        lateness = controller["loop"]["lateness"]
-        table.add_row(
-            result.label,
-            f"{controller['node']['rate_hz']:g}",
-            f"{1e3 * lateness['p50_s']:.2f}/{1e3 * lateness['p99_s']:.2f}",
-            str(controller["node"]["skipped_ticks"]),
-            str(sum(sum(report["node"]["rejected"].values()) for report in result.live[:2])),
-        )
     return table
 
 
@@ -236,18 +217,5 @@ def summary_json(
     }
 
 
-def _table() -> Table:
-    return Table(box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False)
-
-
 def _mm(value_m: float) -> str:
     return f"{1e3 * value_m:.1f}"
-
-
-def stolen_line(live: Sequence[PairResult]) -> str:
-    """Return what the machine did to the run: a stalled host must not be taken for a slow loop."""
-    stolen = [result.controller["host"].get("steal_fraction") for result in live]
-    known = [fraction for fraction in stolen if fraction is not None]
-    if not known:
-        return "time stolen by the host: not known on this platform"
-    return f"time stolen by the host during the runs: {100.0 * max(known):.1f} %"
