@@ -13,9 +13,12 @@ from rich.progress import (
 from rich.table import Table
 
 
-def plain_console() -> Console:
-    """Return a console that prints text as it is: brackets are no markup, lines are not wrapped."""
-    return Console(markup=False, highlight=False, soft_wrap=True)
+def plain_console(*, is_error: bool = False) -> Console:
+    """Return a console that prints text as it is: brackets are no markup, lines are not wrapped.
+
+    ``is_error``  whether it prints on standard error
+    """
+    return Console(stderr=is_error, markup=False, highlight=False, soft_wrap=True)
 
 
 def progress_bars(console: Console, *columns: ProgressColumn) -> Progress:

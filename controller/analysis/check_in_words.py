@@ -34,8 +34,10 @@ def check_text(settings: ControllerSettings, figures: Figures | None = None) -> 
     comments = [f"Runs at {figures['rate_hz']:.9g} Hz, every {ns} ns.", ""]
     comments += _analysis(settings, figures)
     lines = [f"# {comment}" if comment else "#" for comment in comments]
-    verdict = f"# verdict: {found_in(figures)}\n"
-    return "\n".join([verdict, dump_toml(settings, _unused(settings)), *lines, ""])
+    verdict = f"# verdict: {found_in(figures)}"
+    # At the end too, where a terminal shows it.
+    texts = [verdict, "", dump_toml(settings, _unused(settings)), *lines, "#", verdict, ""]
+    return "\n".join(texts)
 
 
 def _unused(settings: ControllerSettings) -> list[str]:

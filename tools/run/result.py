@@ -121,7 +121,12 @@ def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
         return "; ".join(failures)
     is_ours = "settings" in reports[CONTROLLER_PROGRAM]
     limited = controller_report.limited_text(reports[CONTROLLER_PROGRAM]["node"]) if is_ours else ""
-    return "; ".join(filter(None, (verdict_text(reports[PLANT_PROGRAM]["node"]), limited)))
+    plant = reports[PLANT_PROGRAM]
+    judged = "; ".join(filter(None, (verdict_text(plant["node"]), limited)))
+    if not plant["ended_by"].startswith("SIG"):
+        return judged
+    lasted = f"{plant['node']['motion_s']:.2f} s of {plant['settings']['duration_s']:g} s"
+    return f"stopped after {lasted}; until then {judged}"
 
 
 def _bus_lines(bus: SharedBus) -> list[tuple[str, str]]:

@@ -12,6 +12,7 @@ from ...closed_loop.pair.virtual_pair import (
     run_virtual_nodes,
     waits_in_vain,
 )
+from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...plant_emulator.settings import PlantSettings
@@ -21,6 +22,7 @@ from ...runtime.exit_status import BusError
 from ...runtime.node import NEVER_NS
 from ...runtime.program.run_node import FINISHED
 from ...runtime.program.stop_request import StopRequest
+from .progress import RunProgress
 from .result import Run
 
 
@@ -48,7 +50,14 @@ def run_in_virtual_time(
     with stop.on_signals(), controller_node(controller) as node:
         try:
             edges = edge, controller_in(language, node)
-            run_virtual_nodes(*edges, bus, candump_log, lambda: stop() or is_in_vain())
+            shown = (plant, node) if isinstance(node, ControllerNode) else (plant,)
+            with RunProgress(shown, plant_settings.duration_s) as progress:
+
+                def should_stop() -> bool:
+                    progress.step()
+                    return stop() or is_in_vain()
+
+                run_virtual_nodes(*edges, bus, candump_log, should_stop)
         except BusOverflowError as error:
             raise BusError(f"{bitrate} bit/s are too few: {error}") from error
     elapsed_s = time.perf_counter() - begin_s

@@ -126,7 +126,9 @@ def test_a_check_begins_with_its_verdict(
     law = ["--preset", "practical_pd", "--set", setting]
     fails = ["--fail-if", "delay_margin_s < 0.1", "--fail-if", "verdict != stable"]
     assert check_main([*law, *fails]) == status
-    assert capsys.readouterr().out.startswith(f"# verdict: {verdict}")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == lines[-1]
+    assert lines[0].startswith(f"# verdict: {verdict}")
 
 
 def test_a_check_in_the_controller_leaves_conditions_to_the_check(capsys: Capture) -> None:

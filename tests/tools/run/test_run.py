@@ -1,4 +1,5 @@
 import json
+import re
 import shlex
 import shutil
 import signal
@@ -131,6 +132,7 @@ def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
         printed, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert "by SIGINT" in printed
+    assert re.search(r"\nverdict +stopped after \S+ s of 1e\+06 s; until then ", printed)
     report = json.loads((tmp_path / "plant_emulator.json").read_text())
     assert 0.0 < report["node"]["motion_s"] < 1e6
 
