@@ -38,15 +38,25 @@ class ListedMessage(NamedTuple):
 
 
 def read_message_set(path: Path) -> tuple[ListedMessage, ...]:
-    """Read a database of one bus; raises OSError, and ValueError for any other file."""
-    messages = load_database(path).messages
+    """Read a database of one bus; raises OSError, and ValueError for any other file.
+
+    ``path``  the file; one with several buses is followed by a colon and the name of one
+    """
+    file, bus = file_and_bus(path)
+    messages = load_database(file).messages
     buses = sorted({message.bus_name for message in messages if message.bus_name})
-    if len(buses) > 1:
+    if bus not in buses and (bus or len(buses) > 1):
         raise ValueError(
-            f"{path}: holds the messages of several buses ({', '.join(buses)}), which do not wait "
-            "for each other: give a file with those of one bus"
+            f"{file}: holds the messages of the buses {', '.join(buses) or 'without names'}, which"
+            f" do not wait for each other: choose one, as {file}:{(buses or ['NAME'])[0]}"
         )
-    return tuple(_listed(message, path) for message in messages)
+    return tuple(_listed(one, file) for one in messages if not bus or one.bus_name == bus)
+
+
+def file_and_bus(path: Path) -> tuple[Path, str]:
+    """Return the file of a database, and the bus that is chosen in it; empty for its only one."""
+    file, colon, bus = str(path).rpartition(":")
+    return (Path(file), bus) if colon and not path.exists() else (path, "")
 
 
 def load_database(path: Path) -> Database:

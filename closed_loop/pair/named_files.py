@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from ...controller.laws import LAWS
 from ...controller.laws.plugin_law import place_of
+from ...dbc.foreign_messages import file_and_bus
 from ...runtime.settings import Settings
 
 FILE_KEYS = ("trace_file", "file", "rest_bus")
@@ -68,7 +69,7 @@ def _named(values: Any, key: str) -> Iterator[tuple[str, Path]]:
 def _file_of(key: str, value: str) -> Path | None:
     """Return the file that a setting names, itself or by a part of another package."""
     if key in FILE_KEYS:
-        return Path(value)
+        return file_and_bus(Path(value))[0] if key == "rest_bus" else Path(value)
     place = place_of(value) if key in PART_KEYS and value not in LAWS else None
     if place is None:
         return None

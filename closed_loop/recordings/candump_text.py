@@ -22,6 +22,7 @@ from .log_state import CLOCK_STARTED_NS, Logged, TextLines, logged
 _HEAD_LINES = 200
 """Lines from which to decide whether candump's times are differences (-td)."""
 _CAN_ERR_FLAG = 0x20000000
+_COLOURS = re.compile("\x1b\\[[0-9;]*m")  # candump -c
 _PLAIN = re.compile(
     r"""\s*(?:\(([^)]+)\)\s+)?              # time
         (\S+)\s+                             # channel
@@ -38,13 +39,15 @@ _PLAIN = re.compile(
 def candump_reader(lines: TextLines) -> Callable[[str], Logged | None]:
     """Return what reads a line: a frame, or None where it says none; ValueError."""
     head = [line for _, line in zip(range(_HEAD_LINES), lines, strict=False)]
-    stamps = [match[1] for line in head if (match := _PLAIN.fullmatch(line)) and match[1]]
+    plain = (_PLAIN.fullmatch(_COLOURS.sub("", line)) for line in head)
+    stamps = [match[1] for match in plain if match and match[1]]
     lines.put_back(head)
     read_time = _distances() if _are_distances(stamps) else _time_ns
     is_error = False
 
     def read(line: str) -> Logged | None:
         nonlocal is_error
+        line = _COLOURS.sub("", line)
         if not line.strip() or (is_error and line.startswith("\t")):  # its words: candump -e
             return None
         entry = parse_entry(line)

@@ -21,8 +21,9 @@ from ...runtime.node import NS_PER_S
 from .blf_log import BlfLog
 from .candump_text import candump_reader
 from .log_state import LogError, Logged, LogState, NoFrameError, TextLines, logged
-from .text_formats import READERS
+from .text_formats import READERS, TrcReader
 
+_COMMENTS = ("#", ";", "//")
 _BINARY_SUFFIXES = {".blf", ".db", ".mf4"}
 
 
@@ -75,8 +76,11 @@ def open_log(path: Path) -> LogFile:
 
 def _text_frames(lines: TextLines, read: Callable[[str], Logged | None] | None) -> Iterator[Logged]:
     """Yield the frames of a text; without a reader for it, of what candump has printed."""
+    is_trc = isinstance(read, TrcReader)  # its header is in such lines
     read = read or candump_reader(lines)
     for line in lines:
+        if line.lstrip().startswith(_COMMENTS) and not is_trc:
+            continue
         try:
             taken = read(line)
         except LogError as error:

@@ -1,10 +1,12 @@
 """Tables of numbers that users bring: CSV as spreadsheets, loggers and scripts write it.
 
-The first row that is neither empty nor a comment names the columns. Accepted are byte order marks,
-any line ends, blanks around cells, empty lines, lines that begin with ``#``, further columns, and
-semicolons or tabs between the cells, with which a comma may stand for the decimal point.
+The first row that is neither empty nor a comment names the columns, in small letters or capitals.
+Accepted are byte order marks, any line ends, blanks around cells, empty lines, comments after
+``#``, further columns, and semicolons, tabs or blanks between the cells, with which a comma may
+stand for the decimal point.
 """
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from textwrap import shorten
@@ -13,6 +15,8 @@ from typing import NamedTuple, TypeVar
 from .settings import SettingsError, read_text
 
 Cell = TypeVar("Cell")
+_COMMENT = re.compile(r"\s+#[^,;\t]*$")
+"""Not the beginning of a cell that others follow."""
 _SHOWN_MAX = 60
 """Characters of a mistaken row that a message shows."""
 
@@ -36,8 +40,8 @@ def read_number_table(
     lines = read_text(file).split("\n")
     rows = _rows(lines)
     line, header = next(rows, (0, ""))
-    separator = next((mark for mark in ";\t" if mark in header), ",")
-    names = [name.strip().strip('"') for name in header.split(separator)]
+    separator = next((mark for mark in ";\t," if mark in header), None)
+    names = _cells(header.lower(), separator)
     layout = next((wanted for wanted in layouts if set(wanted) <= set(names)), None)
     if layout is None:
         allowed = " or ".join(",".join(wanted) for wanted in layouts)
@@ -46,9 +50,10 @@ def read_number_table(
     places = [names.index(name) for name in layout]
     table = []
     for line, text in rows:
-        cells = [cell.strip().strip('"') for cell in text.split(separator)]
-        if len(cells) < len(names):
-            cells += [""] * (len(names) - len(cells))
+        cells = _cells(text, separator)
+        cells += [""] * (len(names) - len(cells))
+        while len(cells) > len(names) and not cells[-1]:
+            del cells[-1]
         if separator != ",":
             cells = [cell.replace(",", ".") for cell in cells]
         if len(cells) > len(names):
@@ -78,6 +83,10 @@ def convert_cells(
 def _rows(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
     """Yield number and text of the lines that hold something."""
     for number, line in enumerate(lines, start=1):
-        text = line.strip()
-        if text and not text.startswith("#"):
-            yield number, line
+        if line.strip() and not line.lstrip().startswith("#"):
+            yield number, _COMMENT.sub("", line)
+
+
+def _cells(text: str, separator: str | None) -> list[str]:
+    """Return the cells of a row; without a separator they stand between blanks."""
+    return [cell.strip().strip('"') for cell in text.split(separator)]

@@ -120,8 +120,11 @@ def test_messages_of_several_buses_are_no_traffic_of_one(tmp_path: Path) -> None
     file.write_text(f"{start}{one}</NetworkDefinition>")
     assert [message.name for message in read_message_set(file)] == ["BODY_DOORS"]
     file.write_text(f"{start}{one}{two}</NetworkDefinition>")
-    with pytest.raises(ValueError, match=r"several buses \(BODY, CHASSIS\)"):
-        read_message_set(file)
+    for path in (file, Path(f"{file}:ENGINE")):
+        with pytest.raises(ValueError, match="buses BODY, CHASSIS.* choose one, as .*car.kcd:BODY"):
+            read_message_set(path)
+    chosen = read_message_set(Path(f"{file}:CHASSIS"))
+    assert [message.name for message in chosen] == ["CHASSIS_DOORS"]
 
 
 @given(priority=st.integers(0, 7), source=st.integers(0, 255), to=st.integers(0, 255))

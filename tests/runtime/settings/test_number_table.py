@@ -16,7 +16,8 @@ ENCODINGS = ("utf-8", "utf-8-sig", "utf-16")
     rows=st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=1, max_size=8),
     encoding=st.sampled_from(ENCODINGS),
     end=st.sampled_from(["\n", "\r\n", "\r"]),
-    separator=st.sampled_from([",", ", ", " ,", ";", "\t"]),
+    separator=st.sampled_from([",", ", ", " ,", ";", "\t", "  "]),
+    note=st.sampled_from(["", "  # by hand"]),
     has_further=st.booleans(),
     empty_at=st.integers(0, 8),
     comment_at=st.integers(0, 8),
@@ -27,6 +28,7 @@ def test_the_form_of_a_table_does_not_matter(
     encoding: str,
     end: str,
     separator: str,
+    note: str,
     has_further: bool,
     empty_at: int,
     comment_at: int,
@@ -36,7 +38,8 @@ def test_the_form_of_a_table_does_not_matter(
         cells = [[row[0], "note", row[1]] for row in cells]
     if separator == ";":
         cells = [[cell.replace(".", ",") for cell in row] for row in cells]
-    lines = [separator.join(row) for row in cells]
+    lines = [separator.join(row) + note for row in cells]
+    lines[0] = lines[0].upper() if note else lines[0]
     lines.insert(min(empty_at, len(lines)), "")
     lines.insert(min(comment_at, len(lines)), "# from a logger")
     file = tmp_path_factory.getbasetemp() / "table.csv"
