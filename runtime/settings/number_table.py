@@ -40,7 +40,8 @@ def read_number_table(
     lines = read_text(file).split("\n")
     rows = _rows(lines)
     line, header = next(rows, (0, ""))
-    separator = next((mark for mark in ";\t," if mark in header), None)
+    between_blanks = None if len(header.split()) > 1 else ","
+    separator = next((mark for mark in ";\t," if mark in header), between_blanks)
     names = _cells(header.lower(), separator)
     layout = next((wanted for wanted in layouts if set(wanted) <= set(names)), None)
     if layout is None:

@@ -121,7 +121,9 @@ def test_messages_of_several_buses_are_no_traffic_of_one(tmp_path: Path) -> None
     assert [message.name for message in read_message_set(file)] == ["BODY_DOORS"]
     file.write_text(f"{start}{one}{two}</NetworkDefinition>")
     for path in (file, Path(f"{file}:ENGINE")):
-        with pytest.raises(ValueError, match="buses BODY, CHASSIS.* choose one, as .*car.kcd:BODY"):
+        with pytest.raises(
+            ValueError, match=r"buses BODY, CHASSIS.* choose one, as .*car\.kcd:BODY"
+        ):
             read_message_set(path)
     chosen = read_message_set(Path(f"{file}:CHASSIS"))
     assert [message.name for message in chosen] == ["CHASSIS_DOORS"]
