@@ -4,6 +4,7 @@ The databases of other people's vehicles: their signals are not decoded here.
 """
 
 import logging
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +14,11 @@ from cantools.database.can import Database, Message
 from ..runtime.exit_status import one_line
 from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
 from ..runtime.frame.length_with_stuff_bits import padded_length
+from ..runtime.input_file import bounded, read_bytes
 from ..runtime.settings.settings import encoding_of
+
+CYCLE_MS_MIN, CYCLE_MS_MAX = 0.05, 1e7
+"""From less than a frame takes at 1 Mbit/s to some hours [ms]."""
 
 
 class ListedMessage(NamedTuple):
@@ -63,7 +68,7 @@ def load_database(path: Path) -> Database:
     """Read a database with any byte order mark; raises OSError, and ValueError for another file."""
     # It warns of identifiers that come twice, which callers refuse in a line of their own.
     logging.getLogger("cantools").addHandler(logging.NullHandler())
-    raw = path.read_bytes()
+    raw = read_bytes(path)
     if not raw:
         raise ValueError(f"{path}: is empty")
     kind = path.suffix.lower().removeprefix(".")
@@ -71,12 +76,15 @@ def load_database(path: Path) -> Database:
     if encoding == "utf-8" and kind in {"dbc", "sym"}:  # as Vector's and PEAK's tools write them
         encoding = "cp1252"
     text = raw.decode(encoding, errors="replace")
-    try:
-        database = cantools.database.load_string(
-            text, kind if kind in {"arxml", "dbc", "kcd", "sym"} else None, strict=False
-        )
-    except Exception as error:  # cantools raises more than its own exceptions for a damaged file
-        raise ValueError(f"{path}: {one_line(error)}") from error
+    with bounded(path):
+        try:
+            database = cantools.database.load_string(
+                text, kind if kind in {"arxml", "dbc", "kcd", "sym"} else None, strict=False
+            )
+        except Exception as error:  # cantools raises more than its own for a damaged file
+            if any(isinstance(one, MemoryError) for one in (error, *vars(error).values())):
+                raise MemoryError from None  # a signal of millions of bits
+            raise ValueError(f"{path}: {one_line(error)}") from error
     if not isinstance(database, Database):
         raise ValueError(f"{path}: not a database of CAN messages")
     for message in database.messages:
@@ -91,11 +99,25 @@ def load_database(path: Path) -> Database:
 def cycle_ms_of(message: Message) -> float | None:
     """Return a message's cycle time; None for one that is sent on events [ms].
 
-    A default of the database holds for what is sent in cycles alone.
+    A default of the database holds for what is sent in cycles alone. Databases store it as a whole
+    number, a float or a text; raises ValueError for what is no time between two frames.
     """
     has_own = message.dbc is None or "GenMsgCycleTime" in message.dbc.attributes
     is_cyclic = has_own or "cyclic" in str(message.send_type or "cyclic").lower()
-    return max(message.cycle_time or 0, 0) or None if is_cyclic else None
+    if not is_cyclic or not message.cycle_time:
+        return None
+    try:
+        cycle_ms = float(message.cycle_time)
+    except ValueError:
+        cycle_ms = math.nan
+    if cycle_ms <= 0.0:  # of messages that are sent on events
+        return None
+    if not CYCLE_MS_MIN <= cycle_ms <= CYCLE_MS_MAX:
+        what = f"a cycle time of {message.cycle_time!r}"
+        raise ValueError(
+            f"{message.name} has {what}; allowed is {CYCLE_MS_MIN:g} to {CYCLE_MS_MAX:g} ms"
+        )
+    return cycle_ms
 
 
 def _listed(message: Message, path: Path) -> ListedMessage:
@@ -109,6 +131,8 @@ def _listed(message: Message, path: Path) -> ListedMessage:
             raise ValueError(f"{path}: {message.name} has {message.length} bytes; a frame has 64")
         length = fits
     senders = tuple(message.senders)
-    return ListedMessage(
-        message.name, message.frame_id, flags, length, cycle_ms_of(message), senders
-    )
+    try:
+        cycle_ms = cycle_ms_of(message)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    return ListedMessage(message.name, message.frame_id, flags, length, cycle_ms, senders)

@@ -10,17 +10,18 @@ and the others wait until it is on disk.
 """
 
 import hashlib
+import io
 import os
 import shutil
 import sys
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numba
-from numba.core.caching import UserProvidedCacheLocator
+from numba.core.caching import IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 
@@ -42,6 +43,7 @@ _UNUSED_S = 3600.0
 _PACKAGE = Path(__file__).resolve().parents[2]
 _OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
 """Without the entry for callers in C, which is slow to compile."""
+_DIGEST_LENGTH = hashlib.sha256().digest_size
 _UNCOUNTED, _COUNTED = {"_nrt": False}, {"_nrt": True}
 """Whether arrays have reference counts; without them nothing can make an array."""
 
@@ -56,6 +58,39 @@ class CacheLocator(UserProvidedCacheLocator):
     def get_suitable_cache_subpath(cls, py_file: str) -> str:
         """Return the folder for the functions of a file."""
         return Path(py_file).parent.name
+
+
+_CacheFiles: Any = IndexDataCacheFile
+
+
+class DigestedFiles(_CacheFiles):  # type: ignore[misc]
+    """Files of compiled code that end with their digest; a damaged one would crash the process.
+
+    It is removed, and what was in it is compiled again. numba's loader ignores what follows a
+    pickle.
+    """
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[IO[bytes]]:
+        with super()._open_for_write(filepath) as file:
+            content = io.BytesIO()
+            yield content
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> Any:
+        _remove_damaged(Path(self._index_path))
+        return super()._load_index()
+
+    def _load_data(self, name: str) -> Any:
+        _remove_damaged(Path(self._data_path(name)))
+        return super()._load_data(name)
+
+
+def _remove_damaged(file: Path) -> None:
+    if file.exists():
+        content = file.read_bytes()
+        if hashlib.sha256(content[:-_DIGEST_LENGTH]).digest() != content[-_DIGEST_LENGTH:]:
+            file.unlink(missing_ok=True)
 
 
 _LOCATOR = f"{__name__}.{CacheLocator.__name__}"
@@ -101,6 +136,11 @@ def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
     _config.CACHE_DIR, _config.CACHE_LOCATOR_CLASSES = str(folder or ""), _LOCATOR if folder else ""
     made: Any = numba.jit(cache=folder is not None, **options)(function)
     _config.CACHE_LOCATOR_CLASSES = ""
+    if folder is not None:
+        cache = made._cache
+        old = cache._cache_file
+        base = old._index_name.removesuffix(".nbi")
+        cache._cache_file = DigestedFiles(old._cache_path, base, old._source_stamp)
     made.compile = _optimised(made.compile)
     if folder is not None and sys.platform != "win32":
         name = f"{function.__module__}.{function.__qualname__}"

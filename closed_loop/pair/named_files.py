@@ -29,8 +29,8 @@ def named_files(tables: Any) -> dict[str, Path]:
 
 def digest(file: Path) -> str:
     """Return the SHA-256 of a file; empty if it cannot be read."""
-    with suppress(OSError):
-        return hashlib.sha256(file.read_bytes()).hexdigest()
+    with suppress(OSError), file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
     return ""
 
 

@@ -13,6 +13,7 @@ from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.settings import shared_vehicle as plant_vehicle
 from ...runtime.bus_model.settings import BusSettings
+from ...runtime.input_file import read_bytes
 from ...runtime.settings import (
     COMMAND_LINE,
     Settings,
@@ -89,7 +90,7 @@ def _stored(folder: Path) -> Mapping[str, Any]:
     it names have stayed at their old places.
     """
     try:
-        stored = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+        stored = json.loads(read_bytes(folder / "study.json"))
     except (OSError, ValueError):
         return {}
     return stored if isinstance(stored, dict) else {}

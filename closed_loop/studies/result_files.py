@@ -25,6 +25,7 @@ import numpy as np
 
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS
 from ...runtime.array_types import FloatArray, IntArray
+from ...runtime.input_file import read_bytes
 from ...runtime.output_file import write_text
 from ...runtime.program.output_folder import refuse_another_run
 from ...runtime.settings import SettingsError
@@ -76,7 +77,7 @@ class Store:
         identity = self.scenarios.study.identity
         file = self.folder / STUDY
         if file.exists():
-            _refuse_another(self.folder, file.read_bytes(), identity)
+            _refuse_another(self.folder, read_bytes(file), identity)
         elif self.results.exists() or self._chunks.exists():
             raise SettingsError(
                 f"{self.folder}: holds results, but no {STUDY} that describes the study; "

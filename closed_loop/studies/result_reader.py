@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
+from ...runtime.input_file import read_bytes
 from ...runtime.settings import SettingsError
 from .compiled_figures import COLUMNS
 from .result_files import RESULTS, STUDY
@@ -116,7 +117,7 @@ def read_study(folder: Path) -> StudyRecord:
     """Return the record of the results in a folder; raises SettingsError."""
     file = folder / STUDY
     try:
-        content = file.read_bytes()
+        content = read_bytes(file)
     except OSError as error:
         raise SettingsError(
             f"{file}: cannot be read: {error.strerror}; give the folder of a study's results"
@@ -201,7 +202,7 @@ def _presentation(folder: Path) -> tuple[str, ReportSettings]:
     import tomllib
 
     try:
-        content = tomllib.loads((folder / "study.toml").read_text(encoding="utf-8"))
+        content = tomllib.loads(read_bytes(folder / "study.toml").decode())
         report = ReportSettings.model_validate(content.get("report", {}))
         return str(content.get("title", "")), report
     except (OSError, ValueError, RecursionError):

@@ -27,6 +27,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 from pydantic import BaseModel, ConfigDict, Discriminator, Tag, ValidationError
 
 from ..exit_status import UserError, printable
+from ..input_file import InputError, bounded, read_bytes
 from .mistakes import KeyPath, Schema, dotted, explain, hint, schema_of
 
 OffWord = Annotated[Literal["off"], Tag("word")]
@@ -39,8 +40,6 @@ COMMAND_LINE = "command line"
 """The source of ``--set`` and of the options that are short for it."""
 _KIND = "kind"
 """Key that distinguishes the members of a union of tables."""
-_FILE_BYTES_MAX = 1 << 25
-"""More than any settings file has; a device may have no end."""
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
     codecs.BOM_UTF16_LE: "utf-16",
@@ -212,10 +211,7 @@ def encoding_of(raw: bytes) -> str:
 def read_text(file: Path) -> str:
     """Return the text of a file of the user; raises SettingsError."""
     try:
-        with file.open("rb") as opened:
-            raw = opened.read(_FILE_BYTES_MAX + 1)
-        if len(raw) > _FILE_BYTES_MAX:
-            raise SettingsError(f"{file}: is longer than {_FILE_BYTES_MAX} bytes")
+        raw = read_bytes(file)
         return raw.decode(encoding_of(raw)).replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise SettingsError(f"{file}: cannot be read: {error.strerror}") from error
@@ -223,6 +219,8 @@ def read_text(file: Path) -> str:
         raise SettingsError(
             f"{file}: is not {error.encoding.upper()} text (byte {error.start})"
         ) from error
+    except InputError as error:
+        raise SettingsError(str(error)) from None
     except ValueError as error:  # a NUL in its name
         raise SettingsError(f"{file}: cannot be read: {error}") from error
 
@@ -247,7 +245,9 @@ def _refuse_changed_files(digests: Path) -> None:
 def _parse(text: str, source: str) -> dict[str, Any]:
     """Return the tables of a TOML ``text``; raises SettingsError naming the line."""
     try:
-        tables = tomllib.loads(text)
+        with bounded(source):
+            tables = tomllib.loads(text)
+            _refuse_monsters(tables, source)
     except tomllib.TOMLDecodeError as error:
         # Only Python 3.14 has the line as an attribute; the text has it in all versions.
         found = re.fullmatch(r"(.*) \(at line (\d+), column \d+\)", str(error), re.DOTALL)
@@ -255,9 +255,12 @@ def _parse(text: str, source: str) -> dict[str, Any]:
         raise SettingsError(f"{source}{place}: is not TOML: {what}") from error
     except RecursionError as error:
         raise SettingsError(f"{source}: is nested more than {_DEPTH_MAX} deep") from error
+    except InputError as error:
+        raise SettingsError(str(error)) from None
+    except SettingsError:
+        raise
     except ValueError as error:
         raise SettingsError(f"{source}: is not TOML: {error}") from error
-    _refuse_monsters(tables, source)
     return tables
 
 
@@ -304,7 +307,10 @@ def _set(tables: dict[str, Any], keys: Sequence[str], value: Any, source: str) -
 def _parse_value(text: str) -> Any:
     """Return the TOML value that ``text`` is, or else ``text`` as a string."""
     try:
-        document = tomllib.loads(f"value = {text}")
+        with bounded(COMMAND_LINE):
+            document = tomllib.loads(f"value = {text}")
+    except InputError as error:
+        raise SettingsError(str(error)) from None
     except (ValueError, RecursionError):  # TOMLDecodeError, or an int with too many digits
         return text.strip()
     # A line break in the text could add further keys.

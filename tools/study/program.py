@@ -27,6 +27,7 @@ from ...closed_loop.studies.scenario import Scenarios
 from ...closed_loop.studies.study import load_study
 from ...closed_loop.studies.workers import Workers, local_workers
 from ...runtime.exit_status import ExitStatus
+from ...runtime.input_file import read_bytes
 from ...runtime.program.stop_request import StopRequest
 from .repeated_runs import commands, replay, replay_lines
 
@@ -47,7 +48,7 @@ def run_study(options: argparse.Namespace) -> int:
         console.print(f"warning: {warning}")
     if options.dry_run:
         return ExitStatus.OK
-    store.open(options.study.read_text(encoding="utf-8"))
+    store.open(read_bytes(options.study).decode())
     stop = StopRequest()
     with stop.on_signals():
         if options.replay is not None:

@@ -1,6 +1,7 @@
 """Compiled functions on disk: one process compiles what several need."""
 
 import os
+import random
 import shutil
 import subprocess
 import sys
@@ -8,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.compiled.compilation import _forget_unused
+from steer_by_wire.closed_loop.compiled.compilation import DigestedFiles, _forget_unused
 
 COMPILE_AND_COUNT = """
 import os
+import random
 os.environ.pop("NUMBA_OPT", None)
 before = dict(os.environ)
 import numba
@@ -75,3 +77,19 @@ def test_two_processes_may_forget_the_same_code(
     monkeypatch.setattr(Path, "iterdir", lambda _folder: iter([gone, tmp_path]))
     _forget_unused(tmp_path)
     assert tmp_path.exists()
+
+
+def test_damaged_code_is_forgotten_and_never_loaded(tmp_path: Path) -> None:
+    rng = random.Random(58)
+    files = DigestedFiles(str(tmp_path), "step", "stamp")
+    for _ in range(200):
+        files.save("key", ["code"])
+        assert files.load("key") == ["code"]
+        file = rng.choice(sorted(tmp_path.iterdir()))
+        content = bytearray(file.read_bytes())
+        if rng.random() < 0.5:
+            content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+        else:
+            del content[rng.randrange(len(content)) :]
+        file.write_bytes(content)
+        assert files.load("key") is None

@@ -3,6 +3,8 @@
 import gzip
 import json
 import re
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from random import Random
 
@@ -116,7 +118,7 @@ def test_a_log_that_is_cut_anywhere_says_so_and_has_no_frame_that_was_not_there(
         ("head.trc", b";$FILEVERSION=2.1\n", "{path}: there is no frame in it"),
         ("new.trc", b";$FILEVERSION=3.0\n", "{path}: a .trc of version 3.0 is not read"),
         ("noise.blf", b"LOGG" + bytes(10), "{path}: no .blf file: "),
-        ("noise.db", b"no database at all, but long enough", "{path}: damaged after 0 frames: "),
+        ("noise.db", b"no database at all, but long enough", "{path}: no whole .db file: "),
         ("noise.log.gz", b"no gzip", "{path}: Not a gzipped file"),
     ],
 )
@@ -280,3 +282,33 @@ def test_of_drawn_damage_what_is_read_and_what_is_not_are_what_was_written(tmp_p
         file, damage, written = logs.draw(Random(number))
         mistake, _ = mistake_in(file, written)
         assert not mistake, damage
+
+
+@pytest.mark.parametrize(
+    ("statement", "line"),
+    [
+        ("CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
+         "SELECT i, 1, 0, 0, 0, 0, x'' FROM n WHERE i < 0", "no table messages"),
+        ("CREATE TABLE other (a)", "no table messages"),
+    ],
+)  # fmt: skip
+def test_a_database_without_a_table_of_frames_is_refused(
+    tmp_path: Path, statement: str, line: str
+) -> None:
+    """The view has no end and no row."""
+    path = tmp_path / "view.db"
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute(statement)
+    with pytest.raises(LogError, match=line):
+        open_log(path)
+
+
+def test_an_odd_row_of_a_database_is_counted_and_the_rest_is_read(short: dict[str, Path]) -> None:
+    path = short[".db"].with_name("odd.db")
+    path.write_bytes(short[".db"].read_bytes())
+    odd = [("x", 1, 0, 0, 0, 8, "abc"), (None,) * 7, (1.0, 1 << 40, 0, 0, 0, 1, b"1")]
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.executemany("INSERT INTO messages VALUES (?, ?, ?, ?, ?, ?, ?)", odd)
+    log = open_log(path)
+    assert [one.frame for one in log] == [entry.frame for entry in SHORT]
+    assert log.state.unreadable == len(odd)
