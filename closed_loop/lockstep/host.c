@@ -5,7 +5,7 @@
 
 int read_record(struct lockstep_record *record)
 {
-    return fread(record, sizeof *record, 1, stdin) == 1;
+    return fread(record, sizeof *record, 1, stdin) == 1 && LOCKSTEP_IS_SOUND(record);
 }
 
 int write_record(const struct lockstep_record *record)

@@ -25,6 +25,9 @@
 #define LOCKSTEP_MARK 0x3150534Cu /* the bytes "LSP1" */
 #define LOCKSTEP_FRAMES_MAX 16
 #define LOCKSTEP_NEVER INT64_MAX
+/* Whether a record may be read: one that is not counts as the end of the input. */
+#define LOCKSTEP_IS_SOUND(record) \
+    ((record)->mark == LOCKSTEP_MARK && (record)->count <= LOCKSTEP_FRAMES_MAX)
 
 enum { LOCKSTEP_START = 1, LOCKSTEP_DEADLINE = 2, LOCKSTEP_FRAMES = 4 };
 enum { LOCKSTEP_WAKE_ON_FRAMES = 1 };

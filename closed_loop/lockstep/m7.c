@@ -87,7 +87,7 @@ static int moved(uintptr_t operation, uintptr_t file, const void *record)
 
 int read_record(struct lockstep_record *record)
 {
-    return moved(SYS_READ, input, record);
+    return moved(SYS_READ, input, record) && LOCKSTEP_IS_SOUND(record);
 }
 
 int write_record(const struct lockstep_record *record)

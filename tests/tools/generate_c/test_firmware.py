@@ -1,12 +1,13 @@
 """The node in C sends the frames of the node in Python (longer: ``tests.searches.firmware``)."""
 
 import random
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.lockstep.record import RECORD_BYTES, unpack
+from steer_by_wire.closed_loop.lockstep.record import RECORD_BYTES, START, Record, pack, unpack
 from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
@@ -47,6 +48,19 @@ RAM_BYTES_MAX = 16 * 1024
 def in_c(tmp_path_factory: pytest.TempPathFactory) -> Sequence[str]:
     """The words that run a node in C, which every start makes new."""
     return built_node(SETTINGS, tmp_path_factory.mktemp("node"), hosts()[0])
+
+
+@pytest.mark.parametrize(
+    ("place", "wrong"),
+    [(6, (17).to_bytes(2, "little")), (6, b"\xff\xff"), (0, b"LSP2")],
+)
+def test_a_record_that_is_none_ends_the_program_unread(
+    in_c: Sequence[str], place: int, wrong: bytes
+) -> None:
+    record = bytearray(pack(Record(START, 0)))
+    record[place : place + len(wrong)] = wrong
+    ended = subprocess.run(in_c, input=bytes(record), stdout=subprocess.PIPE, timeout=60)
+    assert (ended.returncode, ended.stdout) == (0, b"")
 
 
 def on_network(node: RecordedNode, network: dict[str, object]) -> RecordedNode:
