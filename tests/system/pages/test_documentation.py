@@ -6,7 +6,7 @@ Its site is built without a warning; its diagrams are those of their program.
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
 
@@ -66,54 +66,64 @@ def anchors(text: str) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-def wrong_in(judge: Callable[[str], Iterable[str]]) -> dict[str, list[str]]:
-    """Return what is wrong in each page that has something, by the page's place."""
-    found = {page: list(judge(page)) for page in PAGES}
-    return {page: wrong for page, wrong in found.items() if wrong}
+Judged = Iterable[tuple[str, bool]]
+"""What a page names, and whether it is right."""
+
+
+def assert_right(judge: Callable[[str], Judged]) -> None:
+    """Fail for what is wrong in a page, and if no page names anything."""
+    judged = [(page, name, right) for page in PAGES for name, right in judge(page)]
+    assert judged
+    assert [(page, name) for page, name, right in judged if not right] == []
 
 
 def test_every_link_leads_somewhere() -> None:
-    def dead(page: str) -> Iterator[str]:
+    def links(page: str) -> Judged:
         for link in re.findall(r"\]\(([^)\s]+)\)", PAGES[page]):
             target, _, anchor = link.partition("#")
             path = (ROOT / page).parent / target if target else ROOT / page
             if link.startswith("https://") or any(f"{folder}/" in link for folder in MADE):
                 continue  # what is made with the site is checked with it
-            if not path.exists() or (
-                anchor and anchor not in anchors(path.read_text(encoding="utf-8"))
-            ):
-                yield link
+            yield (
+                link,
+                path.exists()
+                and (not anchor or anchor in anchors(path.read_text(encoding="utf-8"))),
+            )
 
-    assert wrong_in(dead) == {}
+    assert_right(links)
 
 
 def test_every_block_says_what_it_is() -> None:
     """Those of sh and pycon are run, and what is named in a first line is a file: test_pages."""
 
-    def unknown(page: str) -> set[str]:
-        kinds = [block.language for block in blocks_of(PAGES[page]) if not block.file]
-        shown = {kind for kind in kinds if not kind.startswith("{")}
-        return shown - {"pycon", "sh", *SHOWN_ONLY}
+    def blocks(page: str) -> Judged:
+        for block in blocks_of(PAGES[page]):
+            if not block.file and not block.language.startswith("{"):
+                yield block.language, block.language in {"pycon", "sh", *SHOWN_ONLY}
 
-    assert wrong_in(unknown) == {}
+    assert_right(blocks)
 
 
 def test_every_picture_has_words_in_its_place() -> None:
-    assert wrong_in(lambda page: re.findall(r"!\[\W*\]\([^)]*\)", PAGES[page])) == {}
+    def pictures(page: str) -> Judged:
+        for words, file in re.findall(r"!\[(.*?)\]\(([^)]*)\)", PAGES[page], re.DOTALL):
+            yield file, re.search(r"\w", words) is not None
+
+    assert_right(pictures)
 
 
 def test_every_file_of_ours_that_is_named_is_there() -> None:
     ours = "controller|dbc|docs|examples|plant_emulator|runtime|steer_by_wire|tests|tools"
 
-    def missing(page: str) -> list[str]:
-        named = re.findall(rf"(?<![\w./-])((?:{ours})/[\w./-]*\w)", PAGES[page])
-        return [n for n in named if not (ROOT / n).exists() and not {*Path(n).parts} & {*MADE}]
+    def files(page: str) -> Judged:
+        for name in re.findall(rf"(?<![\w./-])((?:{ours})/[\w./-]*\w)", PAGES[page]):
+            yield name, (ROOT / name).exists() or bool({*Path(name).parts} & {*MADE})
 
-    assert wrong_in(missing) == {}
+    assert_right(files)
 
 
 def test_every_module_that_is_named_can_be_imported() -> None:
-    def lost(page: str) -> Iterator[str]:
+    def modules(page: str) -> Judged:
         named = set(re.findall(r"\bsteer_by_wire(?:\.\w+)+", PAGES[page]))
         for name in named - {ENTRY_POINT_GROUP}:
             parts = name.split(".")
@@ -122,10 +132,9 @@ def test_every_module_that_is_named_can_be_imported() -> None:
                 "",
             )
             owner, attributes = import_module(module), parts[module.count(".") + 1 :]
-            if any(not hasattr(owner, attribute) for attribute in attributes[:1]):
-                yield name
+            yield name, all(hasattr(owner, attribute) for attribute in attributes[:1])
 
-    assert wrong_in(lost) == {}
+    assert_right(modules)
 
 
 def find_module(parts: list[str]) -> bool:
@@ -134,31 +143,32 @@ def find_module(parts: list[str]) -> bool:
 
 
 def test_every_command_that_is_named_is_one() -> None:
-    def unknown(page: str) -> set[str]:
-        named = re.findall(r"(?:^|`|vcan )steer-by-wire ([a-z][\w-]*)", PAGES[page], re.MULTILINE)
-        return {*named} - {*PROGRAMS}
+    def commands(page: str) -> Judged:
+        command = re.compile(r"(?:^|`|vcan )steer-by-wire ([a-z][\w-]*)", re.MULTILINE)
+        return ((name, name in PROGRAMS) for name in command.findall(PAGES[page]))
 
-    assert wrong_in(unknown) == {}
+    assert_right(commands)
 
 
 def test_a_container_is_removed_and_writes_into_a_folder_of_yours_as_you() -> None:
     """The image's own user may not."""
 
-    def wrong(page: str) -> Iterator[str]:
+    def containers(page: str) -> Judged:
         for options in re.findall(r"^docker run (.+)", PAGES[page], re.MULTILINE):
-            if "--rm " not in options or ("$PWD" in options) != ("--user" in options):
-                yield options
+            is_yours = ("$PWD" in options) == ("--user" in options)
+            yield options, "--rm " in options and is_yours
 
-    assert wrong_in(wrong) == {}
+    assert_right(containers)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=str)
-def test_every_formula_can_be_drawn(page: str) -> None:
-    text = re.sub(r"```.*?```|`[^`\n]*`", "", PAGES[page], flags=re.DOTALL)
-    blocks = re.findall(r"\$\$(.*?)\$\$", text, re.DOTALL)
-    within_a_line = re.findall(r"\$([^$\n]+)\$", re.sub(r"\$\$.*?\$\$", "", text, flags=re.DOTALL))
-    for formula in blocks + within_a_line:
-        assert tex2mathml(formula).startswith("<math"), formula
+def test_every_formula_can_be_drawn() -> None:
+    def formulas(page: str) -> Judged:
+        text = re.sub(r"```.*?```|`[^`\n]*`", "", PAGES[page], flags=re.DOTALL)
+        for block, within_a_line in re.findall(r"\$\$(.*?)\$\$|\$([^$\n]+)\$", text, re.DOTALL):
+            formula = block or within_a_line
+            yield formula, tex2mathml(formula).startswith("<math")
+
+    assert_right(formulas)
 
 
 def test_every_interface_is_shown_with_both_programs() -> None:
