@@ -30,7 +30,7 @@ def _with_one_more(message: str) -> str:
     A message that is full gives the highest bit of its last signal for it.
     """
     name, size = re.findall(r"BO_ \d+ (\w+): (\d+)", message)[0]
-    *_, last = SIGNAL.finditer(message)
+    last = max(SIGNAL.finditer(message), key=lambda found: int(found[2]))
     signal, start, length, sign, scale, low, high, rest = last.groups()
     free = int(start) + int(length)
     if free == 8 * int(size):
@@ -39,7 +39,7 @@ def _with_one_more(message: str) -> str:
         low, high = (str(max(-largest, float(low))), str(min(largest, float(high))))
     kept = f" SG_ {signal} : {start}|{free - int(start)}@1{sign} ({scale},0) [{low}|{high}] {rest}"
     added = f' SG_ {name}_ADDED : {free}|1@1+ (1,0) [0|1] "" {rest.split()[-1]}'
-    return f"{message[: last.start()]}{kept}\n{added}\n"
+    return f"{message[: last.start()]}{kept}\n{message[last.end() :]}{added}\n"
 
 
 @pytest.fixture(scope="module")

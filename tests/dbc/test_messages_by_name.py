@@ -36,6 +36,8 @@ def made_by_position(text: str) -> list[int]:
                 lines.append(node.lineno)
             case ast.Starred(value=ast.Name(id="message" | "error")):
                 lines.append(node.lineno)
+            case ast.Call(func=ast.Attribute(attr="frame"), args=[ast.Tuple(), *_]):
+                lines.append(node.lineno)
     return lines
 
 
@@ -54,4 +56,4 @@ def test_messages_are_made_and_read_by_name(folder: str) -> None:
 def test_the_search_finds_them() -> None:
     begin = "from ..dbc.messages import LateralError\n"
     assert made_by_position(begin + "LateralError(0.0, 0.0)") == [2]
-    assert made_by_position("a, b = message\nf(*message)") == [1, 2]
+    assert sorted(made_by_position("a, b = message\nf(*message)\nx.frame((0.0, 0.0))")) == [1, 2, 3]

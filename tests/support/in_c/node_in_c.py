@@ -32,7 +32,6 @@ from steer_by_wire.dbc.messages import (
     DelayStatus,
     EchoState,
     LateralError,
-    Mode,
     PathAhead,
     Sender,
     SteeringCommand,
@@ -45,7 +44,13 @@ from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, Wrapper
 from steer_by_wire.tools.generate_c.law_source import law_source
 from steer_by_wire.tools.generate_c.node_source import node_source
-from tests.support.frames.made_messages import error_of
+from tests.support.frames.made_messages import (
+    command_of,
+    error_of,
+    message_with,
+    motion_of,
+    path_ahead_of,
+)
 
 from .law_in_c import STRICT, Target
 
@@ -192,14 +197,22 @@ class Traffic:
         applied = max(0, self._node.commands - 1 - self._random.randrange(4)) % COMMAND_COUNTERS
         status = self._wheel_rad, applied, self._status
         frames = [
-            self._senders[LateralError].frame((self._error_m, 0.01)),
+            self._senders[LateralError].frame(
+                error_of(self._error_m)._replace(heading_error_rad=0.01)
+            ),
             self._senders[SteeringStatus].frame(status),
         ]
         if self._periods % 2:
             yaw_rad_s = max(-2.0, min(2.0, self._speed_m_s * self._wheel_rad / 2.8))
-            frames.append(self._senders[VehicleState].frame((self._speed_m_s, yaw_rad_s, 0.01)))
+            frames.append(
+                self._senders[VehicleState].frame(motion_of(self._speed_m_s, yaw_rad_s, 0.01))
+            )
         if self._periods % 4 == 0:
-            frames.append(self._senders[PathAhead].frame((self._periods % 256, 0.5, *[0.01] * 26)))
+            frames.append(
+                self._senders[PathAhead].frame(
+                    path_ahead_of([0.01] * 26, path_sample=self._periods % 256, path_spacing_m=0.5)
+                )
+            )
         return frames
 
     def _struck(self, kind: int, number: int, frames: list[Frame]) -> list[Frame]:
@@ -214,7 +227,7 @@ class Traffic:
         if kind == FORGED and number % 4:
             other = self._others[LateralError]
             other.counter = (self._senders[LateralError].counter + number % 4 - 2) % 256
-            return [*frames, other.frame((drawn.choice((self._error_m, 0.7)), 0.0))]
+            return [*frames, other.frame(error_of(drawn.choice((self._error_m, 0.7))))]
         if kind == FORGED:
             return [*frames, *(self._others[one].frame(self._value(one)) for one in self._others)]
         if kind == DOUBLED:
@@ -227,8 +240,10 @@ class Traffic:
         if kind == OWN and drawn.random() < 0.2:
             own = drawn.choice(
                 (
-                    Sender(SteeringCommand).frame((0.1, number, Mode.ACTIVE)),
-                    Sender(DelayStatus).frame((0.1, EchoState.KNOWN)),
+                    Sender(SteeringCommand).frame(command_of(0.1, number)),
+                    Sender(DelayStatus).frame(
+                        message_with(DelayStatus, echo_delay_s=0.1, echo_state=EchoState.KNOWN)
+                    ),
                 )
             )
             return [*frames, own if number % 3 else self._damaged(own)]
