@@ -35,6 +35,7 @@ from ...runtime.settings import (
     with_values,
 )
 from ...runtime.settings.plugin import by_place
+from ..pair.agreed_period import pair_warnings, with_period_of
 from ..pair.agreed_point import judged_like
 from .simulated_run import ControllerTable, PlantTable, Run
 
@@ -150,15 +151,17 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
     driven = settings_of(PlantSettings, plant, values["plant"], of_plant)
     if jitter_s and never_varies(driven.latency.downlink):
         raise SettingsError(f"jitter_s = {jitter_s:g}: needs a latency_s around which it varies")
-    settings = judged_like(driven, drives), drives
+    warnings = tuple(pair_warnings(driven, drives))
+    settings = judged_like(driven, drives), with_period_of(driven, drives)
     if engine not in get_args(Engine):
         known = ", ".join(get_args(Engine))
         raise SettingsError(f"engine = {engine!r} is not a known one (allowed: {known})")
     if engine == "virtual":
-        return _run_virtual(*settings, None if bus is None else _bus_settings(bus))
+        run = _run_virtual(*settings, None if bus is None else _bus_settings(bus))
+        return run._replace(pair_warnings=warnings)
     if bus is not None:
         raise SettingsError("bus: in a compiled run frames take no time on the wire")
-    return _run_compiled(*settings)
+    return _run_compiled(*settings)._replace(pair_warnings=warnings)
 
 
 def by_side(overrides: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

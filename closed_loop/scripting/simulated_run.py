@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ...controller.node.report_in_words import controller_summary
 from ...controller.node.run_figures import ControlSample
 from ...controller.settings import ControllerSettings
-from ...plant_emulator.evaluation.report_in_words import verdict_text
+from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.evaluation.run_record import PlacedSample, PlantSample, place
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
@@ -141,6 +142,7 @@ class Run(NamedTuple):
     ``*_report``               as the programs write them; empty for a compiled run
     ``engine``                 virtual or compiled
     ``outcome``                complete, or what ended the run early
+    ``pair_warnings``          what in the settings of the two does not go together
     """
 
     plant: PlantTable
@@ -151,19 +153,42 @@ class Run(NamedTuple):
     controller_report: Mapping[str, Any]
     engine: str
     outcome: str
+    pair_warnings: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the programs would warn of, each in one line; of a compiled run only the settings.
+
+        >>> from steer_by_wire import simulate
+        >>> simulate(duration_s=1.0, overrides={"plant.safety.override_at_s": 5.0}).warnings
+        ['safety.override_at_s never acted, from 5 s on: the motion ended at 1 s']
+        """
+        summaries = (
+            (plant_summary, self.plant_report),
+            (controller_summary, self.controller_report),
+        )
+        said = [
+            text
+            for summary, report in summaries
+            if report
+            for heading, text in summary(report)
+            if heading == "warning"
+        ]
+        return [*self.pair_warnings, *said]
 
     def __repr__(self) -> str:
         """Return one line: what ran, how it ended, and how well it held the path."""
         return (
             f"<Run of {self.controller_settings.law}, seed {self.plant_settings.seed},"
             f" {self.plant_settings.duration_s:g} s, {self.engine}: {self.outcome};"
-            f" {self._errors_in_words}>"
+            f" {self._errors_in_words}{''.join(f'; warning: {each}' for each in self.warnings)}>"
         )
 
     def _repr_html_(self) -> str:
         """Return picture and verdict, as a notebook shows a run; without matplotlib a line."""
         verdict = verdict_text(self.plant_report) if self.plant_report else self.outcome
         shown = f"<p><b>{escape(verdict)}</b></p>"
+        shown += "".join(f"<p>warning: {escape(warning)}</p>" for warning in self.warnings)
         try:
             figure = self.plot()
         except ValueError:

@@ -22,6 +22,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
+from ..pair.agreed_period import pair_warnings, with_period_of
 from ..pair.agreed_point import judged_like
 from .base_settings import Tables
 from .factors import Label
@@ -31,6 +32,7 @@ from .study_file import REPLICATES_MAX
 FRACTION = ".spread_fraction"
 FRACTION_MAX = 100.0
 DESIGNED_MAX = 100
+WARNINGS_MAX = 10
 CHECKED_MAX = 20_000
 """Scenarios whose settings are checked before a study starts; others are checked when run."""
 
@@ -84,6 +86,8 @@ class Scenarios:
         self._controllers: dict[tuple[str, str], ControllerSettings] = {}
         self.shortest_s = math.inf
         """The shortest run that ``check`` has met."""
+        self.warnings: dict[str, None] = {}
+        """What ``check`` has found in settings of plant and controller that do not go together."""
 
     def case(self, index: int) -> Case:
         """Return one case; the id of its first run is ``index`` times the controllers."""
@@ -131,7 +135,12 @@ class Scenarios:
         index, place = divmod(run, len(self.controllers))
         name = self.controllers[place]
         pair = self.checked(self.with_controller(self.case(index), name), name)
-        return pair.model_copy(update={"plant": judged_like(pair.plant, pair.controller)})
+        plant, controller = pair.plant, pair.controller
+        agreed = {
+            "plant": judged_like(plant, controller),
+            "controller": with_period_of(plant, controller),
+        }
+        return pair.model_copy(update=agreed)
 
     def checked(self, case: Case, name: str) -> Pair:
         """Return the settings of a case, with types checked as strictly as in a settings file."""
@@ -166,13 +175,18 @@ class Scenarios:
             case = self.case(index)
             if case.point not in seen:
                 seen.add(case.point)
-                self.shortest_s = min(self.shortest_s, self.plant(case).duration_s)
+                plant = self.plant(case)
+                self.shortest_s = min(self.shortest_s, plant.duration_s)
                 if self.study.bus is not None:
                     self.checked(case, self.controllers[0])
                 for name in self.controllers:
+                    own = plant
                     if name in self.plant_of:
-                        self.plant(self.with_controller(case, name))
+                        own = self.plant(self.with_controller(case, name))
                     controller = self.controller(case, name)
+                    if name not in self.study.commands and len(self.warnings) < WARNINGS_MAX:
+                        found = pair_warnings(own, controller)
+                        self.warnings |= {f"{name}: {warning}": None for warning in found}
                     if controller not in designed and len(designed) < DESIGNED_MAX:
                         designed.add(controller)
                         self._check_design(controller, name)

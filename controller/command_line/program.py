@@ -156,4 +156,4 @@ def conclude(settings: ControllerSettings, node: ControllerNode) -> None:
     for heading, text in controller_summary(report):
         say(NAME, f"{heading} {text}")
     if warning := rare_measurements(settings, report):
-        say(NAME, warning, sys.stderr)
+        say(NAME, f"warning: {warning}", sys.stderr)

@@ -99,7 +99,7 @@ def sparse_measurements(settings: ControllerSettings, sensor_period_s: float) ->
     if not is_ideal or sensor_period_s < 1.5 * period_s:
         return ""
     return (
-        f"warning: measurements about every {1e3 * sensor_period_s:.3g} ms for a control period of"
+        f"measurements about every {1e3 * sensor_period_s:.3g} ms for a control period of"
         f" {1e3 * period_s:.3g} ms make this another law, as its derivative has no filter; set the"
         f" plant's sensor_period_ms = {1e3 * period_s:.3g}"
     )

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from steer_by_wire.closed_loop.pair.agreed_period import pair_warnings, with_period_of
 from steer_by_wire.closed_loop.pair.agreed_point import judged_like
 from steer_by_wire.closed_loop.pair.pair_result import (
     BUS,
@@ -26,7 +27,6 @@ from steer_by_wire.closed_loop.pair.pair_result import (
     PairFiles,
 )
 from steer_by_wire.controller.laws import LAWS
-from steer_by_wire.controller.node.report_in_words import sparse_measurements
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
@@ -45,7 +45,6 @@ from steer_by_wire.runtime.command_line import (
     say,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.program.bus_options import (
     add_error_argument,
     add_traffic_arguments,
@@ -120,12 +119,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     language = read_language(options.dialect)
     plant_settings, controller = _plant_settings(options, language), _controller(options)
-    period_s = plant_settings.sensor_period_ns / NS_PER_S
     ours = controller if isinstance(controller, ControllerSettings) else None
     if ours is not None:
         plant_settings = judged_like(plant_settings, ours)
-    if ours is not None and (warning := sparse_measurements(ours, period_s)):
-        say(NAME, warning, sys.stderr)
+        for warning in pair_warnings(plant_settings, ours):
+            say(NAME, f"warning: {warning}", sys.stderr)
+        controller = ours = with_period_of(plant_settings, ours)
     bus = _bus_settings(options)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:

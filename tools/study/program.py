@@ -44,8 +44,8 @@ def run_study(options: argparse.Namespace) -> int:
     for line in _sizes(scenarios):
         console.print(line)
     warning = short_windows(scenarios.study.settings.verdict, scenarios.shortest_s)
-    if warning:
-        console.print(f"warning: {warning}")
+    for each in (*([warning] if warning else []), *scenarios.warnings):
+        console.print(f"warning: {each}")
     if options.dry_run:
         return ExitStatus.OK
     store.open(read_bytes(options.study).decode())
