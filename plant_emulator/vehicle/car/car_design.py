@@ -41,7 +41,8 @@ def car_params(
 
     return CarParams(
         mass_kg=mass,
-        yaw_inertia_kg_m2=vehicle.yaw_inertia_kg_m2,
+        mass_1_kg=1.0 / mass,
+        yaw_inertia_1_kg_m2=1.0 / vehicle.yaw_inertia_kg_m2,
         front_axle_m=front_m,
         rear_axle_m=rear_m,
         preview_m=vehicle.preview_distance_m,

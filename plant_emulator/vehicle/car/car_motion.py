@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from math import inf, pi
 from typing import Any, NamedTuple
 
-from ....runtime.node import NEVER_NS, NS_PER_S
+from ....runtime.node import NEVER_NS
 from ...path.path import Path, Place, end_of_place_m, next_place
 from ...path.portable_trigonometry import arctan
 from ..exact_propagation import LinearState
@@ -141,13 +141,13 @@ def _moment_step(
 ) -> CarMoment:
     """Return the state after one step of steering, speed control and car."""
     car, steering, demand_m_s2, leg, place, patch = x
-    h_s = (to_ns - from_ns) / NS_PER_S
+    h_s = 1e-9 * (to_ns - from_ns)
     road = SteeringInput(command_rad, car.front_lateral_n, car.front_slip, car.speed_m_s)
     steering = steering_step(p.steering, steering, road, h_s)
     cg_m = car.arc_length_m - p.preview_distance_m
     while cg_m >= p.patches[patch].end_m:
         patch += 1
-    at = cg_m if p.speed.over_arc_length else to_ns / NS_PER_S
+    at = cg_m if p.speed.over_arc_length else 1e-9 * to_ns
     leg, wanted_m_s, rate_m_s2 = wanted_speed(p.speed, leg, at)
     demand_m_s2 = demand_step(p.speed, demand_m_s2, wanted_m_s, rate_m_s2, car.speed_m_s, h_s)
     load = p.intervals[interval]

@@ -40,10 +40,16 @@ NEARNESS_MIN = 0.1
 
 
 class CarParams(NamedTuple):
-    """The symbols above, for one car; ``load_shift_kg`` is m h/L, ``drive_front`` a share."""
+    """The symbols above, for one car.
+
+    ``mass_1_kg``, ``yaw_inertia_1_kg_m2``  1/m and 1/J, because a division takes long
+    ``load_shift_kg``                       m h/L
+    ``drive_front``, ``brake_front``        shares
+    """
 
     mass_kg: float
-    yaw_inertia_kg_m2: float
+    mass_1_kg: float
+    yaw_inertia_1_kg_m2: float
     front_axle_m: float
     rear_axle_m: float
     preview_m: float
@@ -91,13 +97,13 @@ def car_step(p: CarParams, x: CarState, inputs: CarInput, h_s: float) -> CarStat
     u, v, r, front_slip, rear_slip, a_x, _, _, s, y, psi = x
     wheel_rad, demand_m_s2, side_force_n, yaw_moment_n_m, friction, rho = inputs
     mass, l_f, l_r = p.mass_kg, p.front_axle_m, p.rear_axle_m
+    grip = p.friction * friction
     cos_wheel, sin_wheel = cos_sin(wheel_rad)
 
     shift_n = p.load_shift_kg * a_x
     front_load_n = max(p.front_load_n - shift_n, _LOAD_SHARE_MIN * p.front_load_n)
     rear_load_n = max(p.rear_load_n + shift_n, _LOAD_SHARE_MIN * p.rear_load_n)
-    front_grip_n = p.friction * friction * front_load_n
-    rear_grip_n = p.friction * friction * rear_load_n
+    front_grip_n, rear_grip_n = grip * front_load_n, grip * rear_load_n
 
     # Drive and resistance that the speed control knows; a negative sum is the brakes'.
     drag_n = p.drag_n_s2_m2 * u * u
@@ -129,13 +135,13 @@ def car_step(p: CarParams, x: CarState, inputs: CarInput, h_s: float) -> CarStat
         holding_n -= front_x_n * cos_wheel + rear_x_n
         if not is_standing:
             side_n += front_x_n * sin_wheel
-    free_m_s = u + h_s * ((pushing_n - drag_n - front_y_n * sin_wheel) / mass + v * r)
-    stopped_m_s = h_s * holding_n / mass
+    free_m_s = u + h_s * ((pushing_n - drag_n - front_y_n * sin_wheel) * p.mass_1_kg + v * r)
+    stopped_m_s = h_s * holding_n * p.mass_1_kg
     u_after = free_m_s - stopped_m_s if free_m_s > stopped_m_s else 0.0
     a_x = (u_after - u) / h_s - v * r
-    a_y = (side_n + rear_y_n + side_force_n) / mass
+    a_y = (side_n + rear_y_n + side_force_n) * p.mass_1_kg
     v += h_s * (a_y - u_after * r)
-    r += h_s * (l_f * side_n - l_r * rear_y_n + yaw_moment_n_m) / p.yaw_inertia_kg_m2
+    r += h_s * (l_f * side_n - l_r * rear_y_n + yaw_moment_n_m) * p.yaw_inertia_1_kg_m2
     u = u_after
 
     front_v = v + l_f * r

@@ -58,7 +58,7 @@ def steady_turn(
     linear = VehicleParams(
         speed_m_s,
         p.mass_kg,
-        p.yaw_inertia_kg_m2,
+        vehicle.yaw_inertia_kg_m2,
         slopes[0],
         slopes[1],
         p.front_axle_m,

@@ -91,5 +91,7 @@ def slip_step(
     """Return α′ after ``h_s``; implicit in α′, so stable at any speed."""
     ratio = h_s * p.relaxation_1_m
     slip = (slip - ratio * across_m_s) / (1.0 + ratio * along_m_s)
-    bound = 3.0 * limit_n / (p.stiffness_1_rad * load_n)
-    return min(max(slip, -bound), bound)
+    stiffness_n_rad, most_n = p.stiffness_1_rad * load_n, 3.0 * limit_n
+    if -most_n <= stiffness_n_rad * slip <= most_n:
+        return slip
+    return (most_n if slip > 0.0 else -most_n) / stiffness_n_rad

@@ -43,7 +43,7 @@ def single_track_of_commonroad(
     There μ C_S F_z is the stiffness of an axle; here the stiffness over its load.
     """
     g = (p.front_load_n + p.rear_load_n) / p.mass_kg
-    lf, lr, m, inertia = p.front_axle_m, p.rear_axle_m, p.mass_kg, p.yaw_inertia_kg_m2
+    lf, lr, m, inertia = p.front_axle_m, p.rear_axle_m, p.mass_kg, 1.0 / p.yaw_inertia_1_kg_m2
     h = p.load_shift_kg * (lf + lr) / m
     csf, csr = p.front.stiffness_1_rad, p.rear.stiffness_1_rad
     front, rear = g * lr - a_x * h, g * lf + a_x * h
@@ -90,7 +90,7 @@ def test_small_motion_is_that_of_a_published_single_track(
         speed * beta_rate, rel=1e-12, abs=1e-12 * scale
     )
     assert (after.yaw_rate_rad_s - r) / h_s == pytest.approx(
-        r_rate, rel=1e-12, abs=1e-12 * scale * p.mass_kg * p.front_axle_m / p.yaw_inertia_kg_m2
+        r_rate, rel=1e-12, abs=1e-12 * scale * p.mass_kg * p.front_axle_m * p.yaw_inertia_1_kg_m2
     )
 
 
@@ -177,7 +177,7 @@ def test_tyres_and_friction_never_create_energy(
 
     def energy_j(x: CarState) -> float:
         moving = p.mass_kg * (x.speed_m_s**2 + x.lateral_speed_m_s**2)
-        turning = p.yaw_inertia_kg_m2 * x.yaw_rate_rad_s**2
+        turning = settings.vehicle.yaw_inertia_kg_m2 * x.yaw_rate_rad_s**2
         stored = [
             stored_j(tyre, load, p.friction * friction * load, slip)
             for tyre, load, slip in (
