@@ -6,6 +6,7 @@ LATERAL_ERROR cannot carry, or on a command of the law that is not finite; ``out
 which. In virtual time the nodes would go on.
 """
 
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 from functools import lru_cache
@@ -338,6 +339,8 @@ def _collected(
     outcome: Outcome,
 ) -> CompiledRun:
     first = len(schedule.sample_ns) - len(schedule.time_s)
+    if outcome is Outcome.LEFT_RANGE and not math.isfinite(r.lateral_error_m[samples - 1]):
+        samples -= 1  # a car that has left its path
     window = slice(first, samples)
     return CompiledRun(
         outcome=outcome,

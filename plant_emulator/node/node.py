@@ -9,7 +9,8 @@ each at its exact time and not at that of the tick, in this order at one instant
    sample, and their messages enter the uplink
 4. messages leave the uplink for the bus
 5. PLANT_STATUS is sent by the plant itself, without the uplink's latency
-6. disturbances that a tool has set begin to act
+6. disturbances that a tool has set begin to act, and SPEED_REQUEST: a car does not exceed the
+   speed asked for, until another request
 
 A late tick therefore changes when frames leave, but not how the vehicle moves: a command acts from
 the instant at which it was due.
@@ -36,6 +37,7 @@ from ...dbc.messages import (
     Mode,
     Rejection,
     SafetyState,
+    SpeedRequest,
     SteeringCommand,
     SteeringPlan,
     sent_by,
@@ -48,7 +50,6 @@ from ..evaluation.report_in_json import line_report, motion_report, reception_re
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
 from ..network.network import Network
 from ..path.corridor import corridor_of
-from ..path.drivability import undrivable
 from ..path.path import Path
 from ..sensors.sampling import Sampling
 from ..settings import PlantSettings, plant_motion_params
@@ -62,13 +63,19 @@ from ..vehicle.plugin_equations import make_motion
 from .disturbances_set_by_tools import LiveDisturbances
 from .interventions import Interventions
 from .plant_status import PlantStatusFrames, PlantStatusTiming
-from .self_detected_faults import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfDetectedFault
-from .settings_without_effect import settings_without_effect
+from .self_detected_faults import (
+    LEFT_PATH,
+    NOT_FINITE_COMMAND,
+    NOT_FINITE_VEHICLE,
+    SelfDetectedFault,
+)
+from .settings_without_effect import settings_without_effect, undrivable_by
 
 STEERING = (SteeringCommand, SteeringPlan)
 """Commands: a plan may take the place of a command, and the other way round."""
 RECEIVED: tuple[type[Message], ...] = (
     *STEERING,
+    SpeedRequest,
     *get_args(LatencyChange),
     *get_args(DisturbanceChange),
 )
@@ -127,6 +134,7 @@ class PlantNode:
         self._command: SteeringCommand | None = None
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
+        self._asked_speed_m_s: float | None = None
         self._sends_truth = settings.ground_truth
         self._status_frames = PlantStatusFrames()
         self._sampling = Sampling(
@@ -148,7 +156,7 @@ class PlantNode:
             samples_max,
             corridor_of(settings.path),
         )
-        self._undrivable = undrivable(self._motion.path, settings.vehicle.speed_m_s)
+        self._undrivable = undrivable_by(settings, self._motion.path)
         self.finished = False
 
     @property
@@ -172,6 +180,10 @@ class PlantNode:
             due_ns = self._network.downlink.next_due_ns
             if due_ns < self.deadline_ns:
                 self.deadline_ns = due_ns
+        elif isinstance(received, SpeedRequest):
+            # It acts once all that is due before has happened.
+            self._asked_speed_m_s = received.speed_max_m_s
+            self.deadline_ns = min(self.deadline_ns, now_ns)
         elif isinstance(received, LatencyChange | DisturbanceChange):
             if not self.interventions.admit(frame, received, self._motion_ns(now_ns)):
                 self._reception.refuse(Rejection.INTERVENTION)
@@ -212,6 +224,10 @@ class PlantNode:
                 if self._live_disturbances.is_asked:
                     self._advance(now_ns)
                     self._motion.disturb(self._live_disturbances.params())
+                if self._asked_speed_m_s is not None:
+                    self._advance(now_ns)
+                    self._motion.limit_speed(self._asked_speed_m_s)
+                    self._asked_speed_m_s = None
                 self.deadline_ns = due_ns
                 self._reception.on_sent(frames)
                 return frames
@@ -302,6 +318,7 @@ class PlantNode:
                 self._motion.path,
                 self._network.traces_s,
                 self._motion.time_ns / NS_PER_S,
+                self._motion.arc_length_m,
                 clamped,
             ),
         }
@@ -318,7 +335,7 @@ class PlantNode:
             motion_ns = 0
         motion.advance(motion_ns)
         if not motion.is_finite:
-            self._fail(NOT_FINITE_VEHICLE, due_ns)
+            self._fail(NOT_FINITE_VEHICLE if self._settings.car is None else LEFT_PATH, due_ns)
         return motion_ns
 
     def _fail(self, failure: str, due_ns: int) -> None:

@@ -3,6 +3,7 @@
     fault                                                                found at
     the sensors do not keep their rate (``runtime.node.overruns``)            a sample
     the vehicle's state is not finite (``vehicle.moving_vehicle``)            any event
+    a car has left its path (``vehicle.car.car_motion``)                      any event
     a command that passed reception is not finite                             that command
 
 Neither network nor controller causes these: the plant's own measurements, or its wheel, are no
@@ -17,6 +18,10 @@ REPORTING_NS = NS_PER_S
 """Shortest time from a fault to the end of the run: long enough for ten PLANT_STATUS, and for a
 STEERING_STATUS with a long latency. With ``fallback = "keep"`` nothing else delays the end."""
 NOT_FINITE_VEHICLE = "the vehicle's state is not finite"
+LEFT_PATH = (
+    "the car has left its path: it stands more than 60 degrees across it, or near the centre of a"
+    " bend; less speed or more grip would have held it"
+)
 NOT_FINITE_COMMAND = "a command that came through was not finite"
 
 

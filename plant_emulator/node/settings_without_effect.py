@@ -14,6 +14,7 @@ from ..path.settings import PluginPathSettings, WaypointSettings
 from ..settings import PlantSettings
 from ..steering.safety_limiter import Cause
 from ..steering.settings import design_guard
+from ..vehicle.car.settings import CarSettings
 from ..vehicle.steady_turn import steady_steer_m
 
 
@@ -22,12 +23,13 @@ def settings_without_effect(
     path: Path,
     traces_s: Mapping[str, Sequence[float]],
     motion_s: float,
+    driven_m: float,
     clamped: int,
 ) -> list[str]:
     """Return what of the settings never acted, could not act in full, or no car could do.
 
     ``traces_s``  times of the rows of each direction's latency trace
-    ``motion_s``  how long the vehicle has moved
+    ``motion_s``  how long the vehicle has moved, and ``driven_m`` how far
     ``clamped``   values of the sensors that did not fit their signal
     """
     if not motion_s:
@@ -42,7 +44,9 @@ def settings_without_effect(
         f"{clamped} measured values were beyond the range of their signal, and clamped to it"
         " (a curvature of more than 0.2 1/m, for instance)"
     )
-    path_lines = _path(settings, path, motion_s)
+    path_lines = [*_path(settings, path, driven_m)]
+    if settings.car is not None:
+        path_lines += _car(settings.car, motion_s, driven_m)
     return [*late, *_spreads(settings), *path_lines, *([beyond] if clamped else [])]
 
 
@@ -79,15 +83,36 @@ def never_varies(latency: LatencySettings) -> bool:
     return low_s == high_s
 
 
-def _path(settings: PlantSettings, path: Path, motion_s: float) -> Iterator[str]:
+def undrivable_by(settings: PlantSettings, path: Path) -> str:
+    """Return the warning of ``undrivable`` for the vehicle of the settings."""
+    car = settings.car
+    if car is None:
+        return undrivable(path, settings.vehicle.speed_m_s)
+    grips = [1.0, *(patch.friction for patch in car.grip)]
+    # A profile may be slow where the path bends.
+    speed_m_s = min((v for _, v in car.profile), default=settings.vehicle.speed_m_s)
+    return undrivable(path, speed_m_s, max(grips) * car.friction, is_car=True)
+
+
+def _car(car: CarSettings, motion_s: float, driven_m: float) -> Iterator[str]:
+    """Yield what of a car's road and profile it never came to."""
+    for number, patch in enumerate(car.grip):
+        if patch.from_m >= driven_m:
+            yield f"car.grip[{number}] never acted: the car drove {driven_m:.4g} m"
+    reached = driven_m if car.is_over_arc_length else motion_s
+    for number, (at, _) in enumerate(car.profile[1:], start=1):
+        if at > reached:
+            yield f"car.speed[{number}] was never reached: the run ended at {reached:.4g}"
+
+
+def _path(settings: PlantSettings, path: Path, driven_m: float) -> Iterator[str]:
     speed_m_s = settings.vehicle.speed_m_s
-    driven_m = speed_m_s * motion_s
     if not path.closed and path.length_m > driven_m:
         yield f"path: only {driven_m:.4g} m of its {path.length_m:.4g} m were driven"
     elif not path.closed and isinstance(settings.path, WaypointSettings | PluginPathSettings):
         end_s = path.length_m / speed_m_s
         yield f"path ends after {path.length_m:.4g} m ({end_s:.4g} s); from there on it is straight"
-    if line := undrivable(path, speed_m_s):
+    if line := undrivable_by(settings, path):
         yield line
     if settings.vehicle.model is not None:
         return

@@ -19,13 +19,16 @@ def lateral_acceleration_m_s2(path: Path, speed_m_s: float) -> float:
     return max(map(abs, path.curvature_1_m)) * speed_m_s**2
 
 
-def undrivable(path: Path, speed_m_s: float) -> str:
-    """Return a warning where even a dry road cannot give what a path asks for, else ""."""
+def undrivable(path: Path, speed_m_s: float, friction: float = 1.0, *, is_car: bool = False) -> str:
+    """Return a warning where not even this friction gives what a path asks for, else ""."""
     asked_m_s2 = lateral_acceleration_m_s2(path, speed_m_s)
-    if asked_m_s2 <= GRAVITY_M_S2:
+    given_m_s2 = friction * GRAVITY_M_S2
+    if asked_m_s2 <= given_m_s2:
         return ""
+    road = f"its tyres (friction {friction:g}) give" if is_car else "a dry road (friction 1) gives"
+    then = "the car slides" if is_car else "no car follows it, only the linear model does"
     return (
         f"the path asks for a lateral acceleration of {asked_m_s2:.3g} m/s² at"
-        f" {speed_m_s:.4g} m/s, and a dry road (friction 1) gives {GRAVITY_M_S2:.3g} m/s²: no car"
-        " follows it, only the linear model does; drive more slowly or on a gentler path"
+        f" {speed_m_s:.4g} m/s, and {road} {given_m_s2:.3g} m/s²: {then};"
+        " drive more slowly or on a gentler path"
     )

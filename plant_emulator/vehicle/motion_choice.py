@@ -15,6 +15,7 @@ from .car.car_motion import (
     disturb_car,
     interval_end_ns_of,
     is_car_limited,
+    limit_car,
     place_of_car,
     start_car,
 )
@@ -35,6 +36,7 @@ class MotionSteps(NamedTuple):
     ``command(params, state, steer)``  that after a command [rad]
     ``disturb(params, state)``         that after other disturbances, the first interval of params
     ``advance(params, state, to_ns)``  that at a later time
+    ``limit(state, speed)``            that after a request not to exceed a speed [m/s]
     ``place(params, state)``           arc length beside the preview point [m], and speed [m/s]
     ``event_ns(state)``                when the inputs change next, for the interval of params
     ``is_limited(state)``              whether a limit of the actuator shapes the wheel's motion
@@ -44,6 +46,7 @@ class MotionSteps(NamedTuple):
     command: Callable[..., Any]
     disturb: Callable[..., Any]
     advance: Callable[..., Any]
+    limit: Callable[..., Any]
     place: Callable[..., Any]
     event_ns: Callable[..., Any]
     is_limited: Callable[..., Any]
@@ -53,6 +56,10 @@ def place_of_linear(p: MotionParams, x: Any) -> tuple[float, float]:
     """Return the arc length beside the preview point [m], and the speed [m/s]."""
     time_ns, _, _ = x
     return p.speed_m_s * (time_ns / NS_PER_S), p.speed_m_s
+
+
+def _at_constant_speed(x: Any, _: float) -> Any:
+    return x
 
 
 def _is_linear_limited(x: Any) -> bool:
@@ -66,6 +73,7 @@ MOTIONS: dict[type, MotionSteps] = {
         command_motion,
         disturb_motion,
         advance_motion,
+        _at_constant_speed,
         place_of_linear,
         event_ns_of,
         _is_linear_limited,
@@ -75,6 +83,7 @@ MOTIONS: dict[type, MotionSteps] = {
         command_car,
         disturb_car,
         advance_car,
+        limit_car,
         place_of_car,
         interval_end_ns_of,
         is_car_limited,

@@ -66,6 +66,10 @@ class Motion:
         self._state = self._steps.command(self._params, self._state, steer_rad)
         _, self.linear, _ = self._state
 
+    def limit_speed(self, limit_m_s: float) -> None:
+        """Let a car not exceed a speed from now on; a linear vehicle has no other than its own."""
+        self._state = self._steps.limit(self._state, limit_m_s)
+
     def disturb(self, params: AnyMotionParams) -> None:
         """Let the only interval of new parameters begin now; all else in them is the same."""
         self._params = params

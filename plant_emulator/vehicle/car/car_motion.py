@@ -73,9 +73,12 @@ class CarMoment(NamedTuple):
     patch: int
 
 
-CarCourse = tuple[int, CarMoment, CarMoment, float, int, int]
-"""Time [ns] and state of the last step that is kept, the state now, the command [rad], the interval
-of the disturbances and its end [ns]."""
+Orders = tuple[float, float]
+"""The steering command [rad], and the speed that somebody on the bus asks not to exceed [m/s]."""
+
+CarCourse = tuple[int, CarMoment, CarMoment, Orders, int, int]
+"""Time [ns] and state of the last step that is kept, the state now, the orders, the interval of the
+disturbances and its end [ns]."""
 
 CarMotionState = tuple[int, LinearState, CarCourse]
 """As ``motion_events.MotionState``: time [ns], what sensors read, and the rest.
@@ -89,24 +92,32 @@ def start_car(p: CarMotionParams) -> CarMotionState:
     lateral_m, heading_rad = p.lateral_error_m, p.heading_error_rad
     car = CarState(p.speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, lateral_m, heading_rad)
     now = CarMoment(car, steering_at_rest(p.steering), 0.0, 0, Place(0, 0), 0)
-    return 0, _shown(p, now), (0, now, now, 0.0, 0, _interval_end_ns(p, 0))
+    return 0, _shown(p, now), (0, now, now, (0.0, inf), 0, _interval_end_ns(p, 0))
 
 
 def command_car(p: CarMotionParams, x: CarMotionState, steer_rad: float) -> CarMotionState:  # noqa: ARG001 - as the linear motion
     """Return the state after a steering command has reached the actuator."""
-    time_ns, shown, (_, _, now, _, interval, interval_end_ns) = x
-    return time_ns, shown, (time_ns, now, now, steer_rad, interval, interval_end_ns)
+    time_ns, shown, (_, _, now, (_, limit_m_s), interval, interval_end_ns) = x
+    orders = steer_rad, limit_m_s
+    return time_ns, shown, (time_ns, now, now, orders, interval, interval_end_ns)
+
+
+def limit_car(x: CarMotionState, limit_m_s: float) -> CarMotionState:
+    """Return the state after somebody has asked not to exceed a speed."""
+    time_ns, shown, (_, _, now, (steer_rad, _), interval, interval_end_ns) = x
+    orders = steer_rad, limit_m_s
+    return time_ns, shown, (time_ns, now, now, orders, interval, interval_end_ns)
 
 
 def disturb_car(p: CarMotionParams, x: CarMotionState) -> CarMotionState:
     """Return the state with the first interval of ``p`` begun."""
-    time_ns, shown, (_, _, now, command_rad, _, _) = x
-    return time_ns, shown, (time_ns, now, now, command_rad, 0, _interval_end_ns(p, 0))
+    time_ns, shown, (_, _, now, orders, _, _) = x
+    return time_ns, shown, (time_ns, now, now, orders, 0, _interval_end_ns(p, 0))
 
 
 def advance_car(p: CarMotionParams, x: CarMotionState, to_ns: int) -> CarMotionState:
     """Return the state at ``to_ns`` >= its time."""
-    time_ns, _, (kept_ns, kept, now, command_rad, interval, interval_end_ns) = x
+    time_ns, _, (kept_ns, kept, now, orders, interval, interval_end_ns) = x
     if time_ns == to_ns and interval_end_ns > to_ns:
         return x
     while True:
@@ -118,7 +129,7 @@ def advance_car(p: CarMotionParams, x: CarMotionState, to_ns: int) -> CarMotionS
             end_ns = to_ns
         now = kept
         if end_ns > kept_ns:
-            now = _moment_step(p, kept, command_rad, interval, kept_ns, end_ns)
+            now = _moment_step(p, kept, orders, interval, kept_ns, end_ns)
         if not is_kept:
             break
         kept_ns, kept = end_ns, now
@@ -127,7 +138,7 @@ def advance_car(p: CarMotionParams, x: CarMotionState, to_ns: int) -> CarMotionS
             interval_end_ns = _interval_end_ns(p, interval)
         if kept_ns == to_ns:
             break
-    return to_ns, _shown(p, now), (kept_ns, kept, now, command_rad, interval, interval_end_ns)
+    return to_ns, _shown(p, now), (kept_ns, kept, now, orders, interval, interval_end_ns)
 
 
 def place_of_car(p: CarMotionParams, x: CarMotionState) -> tuple[float, float]:  # noqa: ARG001
@@ -137,10 +148,11 @@ def place_of_car(p: CarMotionParams, x: CarMotionState) -> tuple[float, float]: 
 
 
 def _moment_step(
-    p: CarMotionParams, x: CarMoment, command_rad: float, interval: int, from_ns: int, to_ns: int
+    p: CarMotionParams, x: CarMoment, orders: Orders, interval: int, from_ns: int, to_ns: int
 ) -> CarMoment:
     """Return the state after one step of steering, speed control and car."""
     car, steering, demand_m_s2, leg, place, patch = x
+    command_rad, limit_m_s = orders
     h_s = 1e-9 * (to_ns - from_ns)
     road = SteeringInput(command_rad, car.front_lateral_n, car.front_slip, car.speed_m_s)
     steering = steering_step(p.steering, steering, road, h_s)
@@ -149,6 +161,8 @@ def _moment_step(
         patch += 1
     at = cg_m if p.speed.over_arc_length else 1e-9 * to_ns
     leg, wanted_m_s, rate_m_s2 = wanted_speed(p.speed, leg, at)
+    if wanted_m_s > limit_m_s:
+        wanted_m_s, rate_m_s2 = limit_m_s, 0.0
     demand_m_s2 = demand_step(p.speed, demand_m_s2, wanted_m_s, rate_m_s2, car.speed_m_s, h_s)
     load = p.intervals[interval]
     inputs = CarInput(

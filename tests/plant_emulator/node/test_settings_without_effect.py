@@ -24,7 +24,8 @@ def warnings_of(*overrides: str, clamped: int = 0) -> list[str]:
 
 def found(settings: PlantSettings, motion_s: float, clamped: int = 0) -> list[str]:
     path, traces_s = build_path(settings.path), Network(settings.latency, 0).traces_s
-    return settings_without_effect(settings, path, traces_s, motion_s, clamped)
+    driven_m = settings.vehicle.speed_m_s * motion_s
+    return settings_without_effect(settings, path, traces_s, motion_s, driven_m, clamped)
 
 
 @pytest.mark.parametrize("name", preset_names(PRESETS))

@@ -12,6 +12,8 @@ from steer_by_wire.closed_loop.pair.virtual_pair import (
     waits_in_vain,
 )
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.dbc.messages import Sender, SpeedRequest
+from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_motion_params, plant_preset
 from steer_by_wire.plant_emulator.vehicle.car import car_motion
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
@@ -118,3 +120,29 @@ def test_the_place_on_the_path_follows_the_motion_at_large_angles() -> None:
         y += 1e-3 * (car.speed_m_s * math.sin(heading) + car.lateral_speed_m_s * math.cos(heading))
     assert motion.heading_error_rad < -0.8
     assert (at_x, at_y) == pytest.approx((x, y), abs=1e-3)
+
+
+def test_a_car_that_slides_away_ends_the_run_in_words() -> None:
+    plant = plant_preset("bmw_320i", ["car.friction=0.1", "path.length_m=20"])
+    pair = make_virtual_pair(plant, controller_preset("highway_pd"))
+    run_virtual_nodes(pair.edge, pair.controller, None, None, waits_in_vain(pair.plant, 100))
+    report = pair.plant.report()
+    assert "left its path" in report["failure"]
+    assert pair.plant.samples[-1].time_s < 25.0
+    assert any("the car slides" in line for line in report["warnings"])
+
+
+def test_a_car_slows_down_when_asked_to() -> None:
+    settings = plant_preset("bmw_320i", ["path={kind='straight'}", "start_on_first_command=false"])
+    node, requests = PlantNode(settings, 0), Sender(SpeedRequest)
+    speeds_m_s = []
+    for tick in range(1000):
+        now_ns = tick * 10 * MS
+        if tick in (100, 110, 600):
+            limit_m_s = 5.0 if tick < 600 else 80.0
+            node.on_frame(requests.frame(SpeedRequest(speed_max_m_s=limit_m_s)), now_ns)
+        node.on_tick(now_ns)
+        speeds_m_s.append(node._motion.speed_m_s)
+    assert speeds_m_s[90] == pytest.approx(16.67, abs=0.01)
+    assert min(speeds_m_s) == pytest.approx(5.0, abs=0.3)
+    assert speeds_m_s[-1] > 9.0
