@@ -1,7 +1,9 @@
 """Processes that run together and end with this one: bus, plant, controller and others."""
 
+import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -68,6 +70,10 @@ class Lifeline:
         os.close(self._waiting)
 
 
+_FREE_MIN = 1 << 12
+"""Less than that is a full disk [bytes]."""
+
+
 class Processes:
     """Processes by their names; use it as a context manager, which leaves none behind.
 
@@ -111,6 +117,7 @@ class Processes:
         """Wait until one reports that it is ready; raises ProcessError when it does not start."""
         until_s = time.monotonic() + START_TIMEOUT_S
         while _READY not in self._printed(name):
+            self._refuse_full_disk()
             if self.status(name) is not None or time.monotonic() > until_s:
                 raise ProcessError(f"{name} does not start: {self._last_line(name)}")
             time.sleep(_POLL_S)
@@ -129,6 +136,7 @@ class Processes:
 
     def failure(self, name: str) -> ProcessError:
         """Return the error to raise when one has ended too early, or with an error."""
+        self._refuse_full_disk()
         return ProcessError(
             f"{name} has ended with status {self.status(name)}: {self._last_line(name)}"
         )
@@ -180,6 +188,11 @@ class Processes:
             raise ProcessError(f"{name} does not end") from None
         self._statuses[name] = status
         return status
+
+    def _refuse_full_disk(self) -> None:
+        """Raise OSError where a program could not write what it has to say."""
+        if shutil.disk_usage(self._folder).free < _FREE_MIN:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._folder))
 
     def _last_line(self, name: str) -> str:
         lines = self._printed(name).strip().splitlines()

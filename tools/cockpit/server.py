@@ -8,6 +8,7 @@ import asyncio
 import json
 import os
 import secrets
+import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
@@ -19,9 +20,13 @@ from .page_requests import Desk
 from .replay import read_replay
 from .signals import packed_rows
 
-STRANGERS_MAX = 16
+STRANGERS_MAX = 64
 """Connections open at once that have not asked with the token. A browser asks at once, so that who
 only connects cannot keep it out, nor use up the program's files."""
+_ACCEPTED_MAX = 16
+"""Connections accepted at once: a browser's is read before STRANGERS_MAX others have come."""
+_WAITING_MAX = 4096
+"""Connections that wait for that in the kernel; of those beyond, a browser's waits for a second."""
 
 
 BATCH_S = 1.0 / 40.0
@@ -164,10 +169,12 @@ async def serving(server: Server, host: str, port: int) -> AsyncIterator[int]:
     await runner.setup()
     try:
         loop = asyncio.get_running_loop()
-        listening = await loop.create_server(
-            lambda: server.connection(runner), host, port, backlog=STRANGERS_MAX
-        )
-        yield int(listening.sockets[0].getsockname()[1])
-        listening.close()
+        with socket.create_server((host, port)) as listener:
+            listening = await loop.create_server(
+                lambda: server.connection(runner), sock=listener, backlog=_ACCEPTED_MAX
+            )
+            listener.listen(_WAITING_MAX)
+            yield int(listener.getsockname()[1])
+            listening.close()
     finally:
         await runner.cleanup()
