@@ -11,7 +11,7 @@ exact, no Padé.
 
 The conditions are sufficient and not necessary: they compare magnitudes and ignore phases. A loop
 that meets one is stable, if it is stable for Δ_m = 0; a loop that fails it may be stable as well.
-The exact answers are in ``continuous_loop`` and ``sampled_loop``.
+The exact answer is in ``controller.analysis.sampled_loop``.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,8 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...closed_loop.parameter_space.root_count import on_axis
+from ...controller.filters.continuous_filters import pd_compensator, q_order_2, washout
 from ...controller.filters.transfer_function import TransferFunction
+from ...controller.laws.law_from_settings import required
+from ...controller.laws.settings import LawSettings
 from ...runtime.array_types import ComplexArray, FloatArray
 
 _OMEGA_RAD_S = (1e-3, 1e5)
@@ -47,6 +49,23 @@ class CdobParts(NamedTuple):
     compensator: TransferFunction  # C [rad/m]
     q: TransferFunction  # Q, or H Q where there is a washout H
     model: TransferFunction  # G_n [m/rad]
+
+
+def cdob_parts(settings: LawSettings) -> CdobParts:
+    """Return what the small gain condition (25) of the settings' CDOB needs.
+
+    Raises ValueError for a law without one.
+    """
+    cdob, model = settings.cdob, settings.model
+    if cdob is None or model is None:
+        raise ValueError(f"law = {settings.law!r} has no CDOB")
+    q = washout(cdob.washout_rad_s).times(q_order_2(cdob.q_cutoff_rad_s))
+    return CdobParts(pd_compensator(required(settings.pd)), q, model)
+
+
+def on_axis(omega_rad_s: FloatArray) -> ComplexArray:
+    """Return s = jω."""
+    return np.asarray(1j * omega_rad_s, np.complex128)
 
 
 def multiplicative_uncertainty(

@@ -95,7 +95,7 @@ def test_condition_and_roots_at_80_ms_are_these() -> None:
     ideal = network_verdict(published_law("pd_cdob"), DELAY_S)
     assert 1.32 < ideal.ratio < 1.33
     assert 195.0 < ideal.omega_rad_s < 197.0
-    assert (ideal.right, ideal.at_origin) == (6, 2)
+    assert (ideal.outside, ideal.at_one) == (6, 2)
     filtered = network_verdict(published_law("pd_cdob", "pd.derivative_filter_rad_s=20"), DELAY_S)
     assert 0.59 < filtered.ratio < 0.60
-    assert (filtered.right, filtered.at_origin) == (0, 2)
+    assert (filtered.outside, filtered.at_one) == (0, 2)

@@ -14,12 +14,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ....closed_loop.parameter_space.root_count import on_axis
+from ....controller.filters.continuous_filters import pd_compensator, q_order_2
 from ....controller.filters.nominal_model import paper_eq19
+from ....controller.laws.law_from_settings import required
 from ....runtime.array_types import FloatArray
-from ..continuous_loop import continuous_law, dob_alone, dob_q, reference_response
 from ..corners import corner_labels, corner_plants, published_law
 from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
+from ..small_gain import on_axis
 
 CUTOFF_RAD_S = 5.0
 """ω_c of the DOB, section VI.B.1."""
@@ -101,17 +102,15 @@ def corner_spreads(law: str) -> Spreads:
     """Return |y/r| and |y/u_new| of a published law, pd or pd_dob, at the vertices, no delay."""
     settings = published_law(law)
     omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
-    plants = corner_plants()
-    closed_loop = [
-        reference_response(continuous_law(settings), plant, 0.0, omega_rad_s) for plant in plants
-    ]
-    if settings.dob is None:
-        regulated = [plant.response(on_axis(omega_rad_s)) for plant in plants]
-    else:
-        inner = dob_alone(dob_q(settings.dob), paper_eq19())
-        regulated = [reference_response(inner, plant, 0.0, omega_rad_s) for plant in plants]
+    s = on_axis(omega_rad_s)
+    compensator = pd_compensator(required(settings.pd)).response(s)
+    regulated = np.array([plant.response(s) for plant in corner_plants()])
+    if settings.dob is not None:  # (12)
+        q, model = q_order_2(settings.dob.q_cutoff_rad_s).response(s), paper_eq19().response(s)
+        regulated = model * regulated / (regulated * q + model * (1.0 - q))
+    loops = compensator * regulated
     return Spreads(
-        CornerResponses(omega_rad_s, np.abs(closed_loop)),
+        CornerResponses(omega_rad_s, np.abs(loops / (1.0 + loops))),
         CornerResponses(omega_rad_s, np.abs(regulated)),
     )
 

@@ -3,8 +3,8 @@
     Figure 9     |Q| < 1/|Δ_m| for all ω,              Δ_m = (G - G_n)/G_n       (23)
     Figure 12    |L_n/(1 + L_n)| < 1/|Δ_m| for all ω,  Δ_m = e^(-jωT) - 1        (25)
 
-The conditions are only sufficient; the roots of the loop decide. They are counted with the exact
-delay in continuous time.
+The conditions are only sufficient; the roots of the loop decide: those of the law as it runs at
+1 kHz.
 """
 
 from typing import NamedTuple
@@ -12,22 +12,25 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from ....closed_loop.parameter_space.root_count import on_axis
 from ....closed_loop.reports.plot_style import COLOURS
+from ....controller.analysis.sampled_loop import SampledLoop
 from ....controller.filters.continuous_filters import q_order_2
 from ....controller.filters.nominal_model import paper_eq19
+from ....controller.laws.law_from_settings import design_law
 from ....controller.settings import ControllerSettings
 from ....runtime.array_types import FloatArray
-from ..continuous_loop import cdob_parts, closed_loop_roots, continuous_law
+from ....runtime.node import NS_PER_S
 from ..corners import CORNERS, corner_labels, corner_plants, published_law
 from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
 from ..small_gain import (
     cdob_nominal_loop,
+    cdob_parts,
     cdob_small_gain,
     condition_23,
     delay_uncertainty,
     largest_uncertainty,
     multiplicative_uncertainty,
+    on_axis,
 )
 
 CUTOFF_RAD_S = 5.0
@@ -37,6 +40,8 @@ DELAY_S = 0.08
 FILTER_RAD_S = 20.0
 """N of the derivative filter that stands for the one the text does not mention."""
 _OMEGA_RAD_S = np.geomspace(1e-2, 1e3, 5001)
+_AT_ONE = 1e-4
+"""Poles so near to z = 1 are the two integrators that the CDOB cancels, moved by rounding."""
 
 
 def figure_9() -> Reproduction:
@@ -91,14 +96,14 @@ class NetworkVerdict(NamedTuple):
 
     ``ratio``        largest |L_n/(1 + L_n) Δ_m|; below 1 proves stability
     ``omega_rad_s``  where it is
-    ``right``        roots of the loop in the right half-plane
-    ``at_origin``    its roots at s = 0
+    ``outside``      roots of the loop outside the unit circle
+    ``at_one``       its roots at z = 1
     """
 
     ratio: float
     omega_rad_s: float
-    right: int
-    at_origin: int
+    outside: int
+    at_one: int
 
 
 def figure_12() -> Reproduction:
@@ -132,7 +137,7 @@ def figure_12() -> Reproduction:
         " the printed picture may have ended, and the loop really is unstable. With the derivative"
         f" filtered at {FILTER_RAD_S:g} rad/s the statement holds. Two things (25) does not say:"
         " it is sufficient only, and may fail where the loop is stable; and it sees"
-        " y/r, not the two roots at s = 0 with which the published CDOB drifts off the path.",
+        " y/r, not the two roots at z = 1 with which the published CDOB drifts off the path.",
     )
 
 
@@ -140,8 +145,11 @@ def network_verdict(settings: ControllerSettings, delay_s: float) -> NetworkVerd
     """Return the results of condition and roots for a CDOB around its own nominal model."""
     parts = cdob_parts(settings)
     ratio, omega_rad_s = cdob_small_gain(parts, delay_s)
-    roots = closed_loop_roots(continuous_law(settings), parts.model, delay_s)
-    return NetworkVerdict(ratio, omega_rad_s, roots.right, roots.at_origin)
+    loop = SampledLoop(design_law(settings), parts.model, settings.period_ns)
+    poles = loop.closed_loop_poles(round(delay_s * NS_PER_S))
+    is_at_one = np.abs(poles - 1.0) < _AT_ONE
+    outside = (np.abs(poles) > 1.0) & ~is_at_one
+    return NetworkVerdict(ratio, omega_rad_s, int(outside.sum()), int(is_at_one.sum()))
 
 
 def first_intersection_rad_s(settings: ControllerSettings, delay_s: float) -> float:
@@ -167,10 +175,10 @@ def _network_comparisons(settings: ControllerSettings, name: str) -> tuple[Compa
             verdict.ratio < 1.0,
         ),
         Comparison(
-            f"unstable roots of y/r with exact delay, {at_delay}",
+            f"unstable roots of the law sampled at 1 kHz, {at_delay}",
             "stable",
-            f"{verdict.right}; besides, {verdict.at_origin} at s = 0",
-            verdict.right == 0,
+            f"{verdict.outside}; besides, {verdict.at_one} at z = 1",
+            verdict.outside == 0,
         ),
     )
 
@@ -189,9 +197,9 @@ def _network_picture(name: str, settings: ControllerSettings, subtitle: str) -> 
     axes.set(xlabel="ω [rad/s]", ylabel="size [dB]", xlim=(0.1, None), ylim=(-60.0, 40.0))
     axes.set_title(f"Small gain condition of the CDOB, {subtitle}")
     axes.legend(loc="center left")
-    roots = closed_loop_roots(continuous_law(settings), paper_eq19(), DELAY_S)
+    outside = network_verdict(settings, DELAY_S).outside
     condition = "not met (shaded)" if np.any(above) else "met"
-    exact = f"{roots.right} unstable roots" if roots.right else "y/r is stable"
+    exact = f"{outside} unstable roots" if outside else "y/r is stable"
     axes.text(
         0.62, 0.05, f"condition {condition}\nexact: {exact}", transform=axes.transAxes, fontsize=10
     )
