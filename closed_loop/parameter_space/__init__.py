@@ -1,5 +1,5 @@
-"""The parameter space method: the gains with which a family of loops is D-stable.
+"""D-stability: where the roots of a loop have to lie, and the box in which a vehicle is known.
 
 Linear theory that design and the paper's figures compute before any run. What the controller checks
-about its own loop is in ``controller.analysis``. Begin with ``gain_regions``.
+about its own loop is in ``controller.analysis``. Begin with ``d_stability``.
 """

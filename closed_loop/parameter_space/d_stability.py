@@ -15,7 +15,7 @@ gains. So R bounds the dominant pair. Roots beyond R have to settle and may be o
 
 Dominant means nearest the origin, not rightmost. A verdict can then change only where a root
 crosses the σ line, the cone or the circle, on which the boundary crossing of
-``closed_loop.parameter_space.gain_regions`` relies.
+``closed_loop.parameter_space.gain_boundaries`` relies.
 """
 
 import math

@@ -1,5 +1,5 @@
 """The program ``design``: gains and filters of the laws for a vehicle known within bounds.
 
-What regions of gains are D-stable is in ``closed_loop.parameter_space``; the laws themselves are in
+What D-stable means is in ``closed_loop.parameter_space``; the laws themselves are in
 ``controller.laws``. Begin with ``law_design``; the comparison of structures is in ``frontier``.
 """

@@ -12,7 +12,7 @@ from steer_by_wire.closed_loop.parameter_space.d_stability import (
     judge,
     paper_d_stability,
 )
-from steer_by_wire.closed_loop.parameter_space.gain_loop import GainLoop
+from steer_by_wire.closed_loop.parameter_space.gain_boundaries import closed_loop_roots
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
 
 SPEC = paper_d_stability()
@@ -90,7 +90,7 @@ def test_the_published_gains_place_the_dominant_pair_as_specified() -> None:
     plant = control.tf([227.6, 8.479e4, 3.627e4], [1.0, 459.2, 3.329e4, 0.0, 0.0])
     loop = control.feedback(plant * control.tf([0.939, 1.0596], [1.0]))
     by_control = np.sort_complex(control.poles(loop))
-    ours = np.sort_complex(GainLoop(paper_eq19()).roots(PUBLISHED)[0])
+    ours = np.sort_complex(closed_loop_roots(paper_eq19(), PUBLISHED)[0])
     np.testing.assert_allclose(ours, by_control, rtol=1e-7)
     dominant = ours[np.argmin(abs(ours - (-0.55 + 0.2j)))]
     assert -0.5502 < dominant.real < -0.5500
