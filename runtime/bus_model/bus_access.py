@@ -45,16 +45,6 @@ class BusAccess:
         )
         return start_ticks, waiting
 
-    def is_calm_at(self, now_ticks: int) -> bool:
-        """Whether all may start once the pauses are over that have ended by now."""
-        if self._paused_until_ticks:
-            self._paused_until_ticks = {
-                sender: until_ticks
-                for sender, until_ticks in self._paused_until_ticks.items()
-                if until_ticks > now_ticks
-            }
-        return self.is_calm
-
     def goes_off(self, sender: int, end_ticks: int) -> bool:
         """Note the end of a transmission; returns whether its sender is in bus-off now."""
         self._paused_until_ticks.pop(sender, None)

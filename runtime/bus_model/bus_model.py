@@ -23,14 +23,14 @@ It serves the emulated bus in real time, and virtual time where ``quiet_bus`` is
 from typing import NamedTuple
 
 from ..frame import Frame
-from ..frame.arbitration import NO_FIELD, arbitration_field
+from ..frame.arbitration import arbitration_field
 from ..frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from ..node import NEVER_NS
 from .bit_ticks import bit_ticks
 from .bus_access import BusAccess, is_awaited
 from .bus_errors import BusErrors, error_end_ticks
 from .rest_bus import RestBus
-from .transmit_queue import TransmitQueue, Waiting
+from .transmit_queue import BusOverflowError, TransmitQueue, Waiting
 
 
 class Delivery(NamedTuple):
@@ -89,14 +89,13 @@ class BusModel:
         ticks = self._ticks = bit_ticks(bitrate_bit_s, data_rate)
         self._ticks_per_ns, self._bit_ticks, self._data_bit_ticks = ticks
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
-        self._queue = TransmitQueue(queue_limit, traffic)
+        self._queue = TransmitQueue(queue_limit)
         self._errors, self._traffic = errors, traffic
         if traffic is not None:
             traffic.join(ticks)
             if errors is not None:
-                for sender in traffic.sent:
+                for sender in traffic.senders:
                     errors.join(sender)
-                traffic.sent = errors.sent
         self._is_destroyed = False
         self.access = BusAccess(errors, ticks)
         self._on_wire: Waiting | None = None
@@ -108,11 +107,7 @@ class BusModel:
     @property
     def load(self) -> BusLoad:
         """Totals so far."""
-        frames, busy_ticks, refused = self._frames, self._busy_ticks, self._queue.refused
-        if (traffic := self._traffic) is not None:
-            frames, busy_ticks = frames + traffic.frames, busy_ticks + traffic.busy_ticks
-            refused += traffic.refused
-        return BusLoad(frames, self._ticks.whole_ns(busy_ticks), refused)
+        return BusLoad(self._frames, self._ticks.whole_ns(self._busy_ticks), self._queue.refused)
 
     @property
     def load_until_ns(self) -> int:
@@ -182,6 +177,27 @@ class BusModel:
             self.next_event_ns = -(-end_ticks // self._ticks_per_ns)
 
     def _settle(self, now_ticks: int) -> None:
+        """Let the traffic release its frames before now, and the bus carry what competes."""
+        if (traffic := self._traffic) is not None:
+            while (due_ticks := traffic.next_due_ns * self._ticks_per_ns) < now_ticks:
+                self._carry(due_ticks)
+                self._take_release(traffic, due_ticks)
+        self._carry(now_ticks)
+
+    def _take_release(self, traffic: RestBus, due_ticks: int) -> None:
+        """Let the next message of the traffic compete, if its buffer is free."""
+        if self._on_wire is None and self._next_start_ticks < due_ticks:
+            self._next_start_ticks = due_ticks
+        arbitration, duration_ticks, sender, frame = traffic.ready
+        counts_on = True
+        if self._errors is None or not self.access.is_off(sender, due_ticks):
+            try:
+                self._queue.push(arbitration, duration_ticks, sender, frame)
+            except BusOverflowError:
+                counts_on = False
+        traffic.release(counts_on=counts_on)
+
+    def _carry(self, now_ticks: int) -> None:
         """Complete frames that have ended by now, and decide all arbitrations before now.
 
         One at this instant stays open, because a frame submitted at this instant still competes.
@@ -190,8 +206,6 @@ class BusModel:
         errors, traffic, next_start = self._errors, self._traffic, self.access.next_start
         while True:
             if on_wire is None:
-                if traffic is not None and self._next_start_ticks < now_ticks:
-                    self._send_traffic(traffic, now_ticks)
                 if not competing:
                     break
                 start_ticks, on_wire = next_start(competing, self._next_start_ticks)
@@ -207,62 +221,38 @@ class BusModel:
                     self._is_destroyed = hit_ticks < end_ticks
                     if self._is_destroyed:
                         end_ticks = error_end_ticks(start_ticks, hit_ticks, self._ticks)
+                if (
+                    traffic is not None
+                    and on_wire.sender < 0
+                    and not self._is_destroyed
+                    and self.access.is_calm
+                ):  # Nothing can happen to it any more, and no one waits for its end.
+                    if errors is not None:
+                        errors.sent[on_wire.sender] += 1
+                    self._complete(on_wire, end_ticks)
+                    on_wire = None
+                    continue
             if end_ticks > now_ticks:
                 break
-            if traffic is not None and self._is_destroyed:
-                self._admit(traffic, end_ticks)  # before the frame is back in its buffer
             if errors is not None:
                 if not self._is_destroyed and self.access.is_calm:
                     errors.sent[on_wire.sender] += 1
                 elif self._end_attempt(on_wire, end_ticks, errors):
                     on_wire = None
                     continue
-            end_ns = -(-end_ticks // self._ticks_per_ns)
-            if traffic is None or on_wire.sender >= 0:
-                self._completed.append(Delivery(end_ns, on_wire.sender, on_wire.frame))
-            elif traffic.on_wire is not None:
-                traffic.on_wire(end_ns, on_wire.sender, on_wire.frame)
-            self._frames += 1
-            self._occupy_until(end_ticks)
+            self._complete(on_wire, end_ticks)
             on_wire = None
         self._on_wire, self._end_ticks, self._settled_ticks = on_wire, end_ticks, now_ticks
 
-    def _send_traffic(self, traffic: RestBus, now_ticks: int) -> None:
-        """Let the traffic have the bus until a frame of the queue is next, and before now."""
-        free_ticks, errors, competing = self._next_start_ticks, self._errors, self._queue.competing
-        if not self.access.is_calm_at(free_ticks):
-            self._queue_all(traffic)
-            while (due_ticks := traffic.next_due_ticks) < now_ticks:
-                if (
-                    competing
-                    and due_ticks > self.access.next_start(competing, self._next_start_ticks)[0]
-                ):
-                    return
-                self._next_start_ticks = max(self._next_start_ticks, due_ticks)
-                self._admit(traffic, due_ticks + 1)
-            return
-        rival = competing[0].arbitration if competing else NO_FIELD
-        free_ns = free_ticks // self._ticks_per_ns
-        hit_ns = NEVER_NS if errors is None else errors.next_hit_ns(free_ns)
-        hit_ticks = hit_ns * self._ticks_per_ns
-        self._next_start_ticks = traffic.carry(free_ticks, now_ticks, rival, hit_ticks)
-        if self._next_start_ticks < now_ticks and traffic.best < rival:
-            self._queue.push_traffic(traffic, traffic.hand_over_best())
-
-    def _admit(self, traffic: RestBus, until_ticks: int) -> None:
-        """Let messages compete that are released before ``until_ticks``."""
-        if self.access.is_calm:
-            traffic.carry(until_ticks - 1, until_ticks, -1, 0)
-            return
-        while traffic.next_due_ticks < until_ticks:
-            ready = traffic.hand_over_next(self.access.is_off)
-            if ready is not None:
-                self._queue.push_traffic(traffic, ready)
-
-    def _queue_all(self, traffic: RestBus) -> None:
-        """Put the frames of the traffic that wait into the queue."""
-        while traffic.best < NO_FIELD:
-            self._queue.push_traffic(traffic, traffic.hand_over_best())
+    def _complete(self, sent: Waiting, end_ticks: int) -> None:
+        """Count a frame that came through, and deliver it."""
+        end_ns, traffic = -(-end_ticks // self._ticks_per_ns), self._traffic
+        if traffic is None or sent.sender >= 0:
+            self._completed.append(Delivery(end_ns, sent.sender, sent.frame))
+        elif traffic.on_wire is not None:
+            traffic.on_wire(end_ns, sent.sender, sent.frame)
+        self._frames += 1
+        self._occupy_until(end_ticks)
 
     def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> bool:
         """Count the end of a transmission; returns whether the frame must be sent again."""
@@ -276,8 +266,6 @@ class BusModel:
         else:
             errors.on_whole(sender)
         if self.access.goes_off(sender, end_ticks):
-            if self._traffic is not None:
-                self._queue_all(self._traffic)
             self.lost_in_bus_off += len(self.withdraw(sender))
         return is_destroyed
 

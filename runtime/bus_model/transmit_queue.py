@@ -8,7 +8,6 @@ from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 from ..frame import Frame
-from .rest_bus import Ready, RestBus
 
 
 class BusOverflowError(RuntimeError):
@@ -27,16 +26,16 @@ class Waiting(NamedTuple):
 
 
 class TransmitQueue:
-    """All buffers of one bus; ``limit`` is the size of each, for senders other than ``traffic``.
+    """All buffers of one bus; ``limit`` is the size of each, that of the rest bus have one frame.
 
     ``competing``  a heap of the frames that compete for the bus
     ``refused``    frames that found their buffer full
     """
 
-    def __init__(self, limit: int, traffic: RestBus | None) -> None:
+    def __init__(self, limit: int) -> None:
         if limit <= 0:
             raise ValueError(f"the limit of a transmit buffer must be positive, not {limit}")
-        self._limit, self._traffic = limit, traffic
+        self._limit = limit
         self.competing: list[Waiting] = []
         self._sequence = self.refused = 0
         self._waiting_of: dict[tuple[int, int], int] = {}
@@ -45,7 +44,7 @@ class TransmitQueue:
         """Queue a frame; raises BusOverflowError for a full buffer."""
         buffer = (sender, arbitration)
         waiting = self._waiting_of.get(buffer, 0)
-        if waiting >= self._limit:
+        if waiting >= (self._limit if sender >= 0 else 1):
             self.refused += 1
             raise BusOverflowError(
                 f"sender {sender} has {waiting} frames of identifier 0x{frame.can_id:03X} "
@@ -56,16 +55,6 @@ class TransmitQueue:
         entry = Waiting(arbitration, self._sequence, duration_ticks, sender, frame, buffer)
         heappush(self.competing, entry)
         return entry
-
-    def push_traffic(self, traffic: RestBus, ready: Ready) -> None:
-        """Queue a frame of the traffic."""
-        rank, arbitration, duration_ticks, sender, frame = ready
-        traffic.hold(rank)
-        self._sequence += 1
-        buffer = (sender, rank)
-        self._waiting_of[buffer] = self._waiting_of.get(buffer, 0) + 1
-        entry = Waiting(arbitration, self._sequence, duration_ticks, sender, frame, buffer)
-        heappush(self.competing, entry)
 
     def remove(self, winner: Waiting) -> None:
         """Remove the frame that has won the bus."""
@@ -78,14 +67,10 @@ class TransmitQueue:
         still_waiting = self._waiting_of.pop(winner.buffer) - 1
         if still_waiting:
             self._waiting_of[winner.buffer] = still_waiting
-        elif self._traffic is not None and winner.sender < 0:
-            self._traffic.release(winner.buffer[1])
 
     def put_back(self, sent: Waiting) -> None:
         """Put a destroyed frame back into its buffer, in front."""
         self._waiting_of[sent.buffer] = self._waiting_of.get(sent.buffer, 0) + 1
-        if self._traffic is not None and sent.sender < 0:
-            self._traffic.hold(sent.buffer[1])
         heappush(self.competing, sent)
 
     def withdraw(self, sender: int) -> list[Frame]:
@@ -95,6 +80,4 @@ class TransmitQueue:
         heapify(self.competing)
         for buffer in [buffer for buffer in self._waiting_of if buffer[0] == sender]:
             del self._waiting_of[buffer]
-            if self._traffic is not None and sender < 0:
-                self._traffic.release(buffer[1])
         return withdrawn

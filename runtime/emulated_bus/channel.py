@@ -99,7 +99,7 @@ class Channel:
         if not self._is_paced:
             return completed
         self._pace_ns = now_ns + PACE_NS
-        # The model hands a frame of the traffic over when it starts.
+        # The model hands a frame of the traffic over when it starts, as nothing can happen to it.
         of_traffic = [one for one in self._of_traffic if one.end_ns <= bus_ns]
         del self._of_traffic[: len(of_traffic)]
         return [

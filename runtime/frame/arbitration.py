@@ -2,9 +2,6 @@
 
 from .frame import EXTENDED, REMOTE, Frame
 
-NO_FIELD = 1 << 32
-"""Loses against every arbitration field."""
-
 
 def arbitration_field(frame: Frame) -> int:
     """The bits that compete for the bus, as a number of 32 bits; the lower one wins.

@@ -126,7 +126,7 @@ def test_a_babbling_node_takes_what_its_identifier_wins(is_urgent: bool) -> None
     frames = (Frame(0x000 if is_urgent else 0x7FF, bytes(8)),) * COUNTS
     bus = SharedBus(500_000, [PeriodicMessage("babbler", -1, frames, NS_PER_MS // 10)])
     if is_urgent and bus.traffic is not None:
-        bus.traffic._phases_ns = [NS_PER_S] * 2
+        bus.traffic._due, bus.traffic.next_due_ns = [(NS_PER_S, 0)], NS_PER_S
     settings = PlantSettings(duration_s=4.0), controller_preset("practical_pd_ddob")
     pair = make_virtual_pair(*settings, 0, 5000)
     run_virtual_nodes(pair.edge, pair.controller, bus, None, lambda: False)

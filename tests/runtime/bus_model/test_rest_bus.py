@@ -1,4 +1,4 @@
-"""Other people's traffic without objects, against the same frames submitted one by one."""
+"""Other people's traffic, against the same frames submitted one by one."""
 
 import random
 from collections import Counter
