@@ -50,6 +50,9 @@ class LoopDelay(NamedTuple):
     path_end: int = -1
 
 
+_NONE: Any = ()
+
+
 class History(NamedTuple):
     """Sent commands by tick, and measurements by sample.
 
@@ -65,20 +68,22 @@ class History(NamedTuple):
                          ``LoopDelay.path_end``
     ``plans``            of a law that plans, by tick: rows of ``controller.history.plan``; its mask
                          is 0 for a law that does not
+    ``command_tick``     the tick that sent a command, by the command's number
     """
 
     tick_mask: int
     sample_mask: int
-    sent_rad: Sequence[float]
-    lateral_error_m: Sequence[float]
-    heading_error_rad: Sequence[float]
-    has_error: Sequence[bool]
-    applied_tick: Sequence[int]
-    is_overruled: Sequence[bool]
-    wheel_rad: Sequence[float]
-    curvature_1_m: Sequence[float] = ()
+    sent_rad: MutableSequence[float]
+    lateral_error_m: MutableSequence[float]
+    heading_error_rad: MutableSequence[float]
+    has_error: MutableSequence[bool]
+    applied_tick: MutableSequence[int]
+    is_overruled: MutableSequence[bool]
+    wheel_rad: MutableSequence[float]
+    curvature_1_m: MutableSequence[float] = _NONE
     plan_mask: int = 0
     plans: Sequence[MutableSequence[float]] = ()
+    command_tick: MutableSequence[int] = _NONE
 
 
 def newest_heading_rad(observed: "LawInput") -> float:
@@ -89,7 +94,9 @@ def newest_heading_rad(observed: "LawInput") -> float:
 
 NO_VEHICLE = VehicleReading(0.0, 0.0, 0.0)
 NO_LOOP_DELAY = LoopDelay(0, -1, -1, 0.0, False)
-NO_HISTORY = History(0, 0, (0.0,), (0.0,), (0.0,), (False,), (-1,), (False,), (0.0,))
+_NO_VALUES: Any = (0.0,), (0.0,), (0.0,), (False,), (-1,), (False,), (0.0,)
+"""Tuples, which compiled laws can take."""
+NO_HISTORY = History(0, 0, *_NO_VALUES)
 
 
 class LawInput(NamedTuple):

@@ -8,7 +8,6 @@ import numba
 import numpy as np
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
-from ...controller.history.history import history_of
 from ...controller.law_interface import NO_HISTORY, Law, LawInput, LawOutput, LawStep
 from ...controller.laws.law_from_settings import LawDesign, design_law
 from ...controller.settings import ControllerSettings
@@ -139,7 +138,7 @@ def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
 
 
 def _argument_kinds(design: LawDesign, params: Any, start: Any) -> tuple[Any, ...]:
-    history = history_of(empty_rings(keeps_plans=False)) if design.looks_back else NO_HISTORY
+    history = empty_rings(keeps_plans=False) if design.looks_back else NO_HISTORY
     there = (params, start, history, NOW_UNKNOWN)
     pointers = [_numba.types.CPointer(_numba.typeof(each)) for each in there]
     return (*pointers, _numba.types.float64, _numba.types.float64)

@@ -23,16 +23,14 @@ from ...controller.history.history import (
     Echoes,
     Errors,
     HistoryParams,
-    Rings,
     command_step,
     echo_step,
     error_step,
-    history_of,
     loop_delay_at,
     path_step,
 )
 from ...controller.history.plan import ROW_LENGTH, limit_plan
-from ...controller.law_interface import NO_HISTORY, LoopDelay, VehicleReading
+from ...controller.law_interface import NO_HISTORY, History, LoopDelay, VehicleReading
 from ...controller.limits.steer_limits import SteerLimits
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
@@ -101,7 +99,7 @@ class Inbox(NamedTuple):
     """
 
     params: HistoryParams
-    rings: Rings
+    rings: History
     arrival_ns: IntArray
     arrival_message: IntArray
     arrival_sample: IntArray
@@ -319,7 +317,7 @@ record_played = _choosing(_record_played)
 """(inbox, sample, steer_rad): records what a plan lets act at a sample."""
 nothing_known = _choosing(lambda _inbox: NOTHING_KNOWN)
 """(inbox): returns the knowledge at the start."""
-inbox_history = _choosing(lambda inbox: history_of(inbox.rings), without=NO_HISTORY)
+inbox_history = _choosing(lambda inbox: inbox.rings, without=NO_HISTORY)
 """(inbox): returns the history that laws read."""
 note_now = _choosing(_note_now)
 """(inbox, now, known, tick, now_ns): writes what is known at a tick."""

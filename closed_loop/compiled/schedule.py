@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...controller.history.history import RING_SIZE, HistoryParams, Rings
+from ...controller.history.history import HistoryParams, empty_history
 from ...controller.history.plan import ROW_LENGTH
+from ...controller.law_interface import History
 from ...controller.node.modes import Supervisor, supervision_of
 from ...controller.settings import ControllerSettings
 from ...dbc.codec.counter_check import CounterCheck
@@ -339,15 +340,13 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
     )
 
 
-def empty_rings(*, keeps_plans: bool) -> Rings:
-    """Return the initial rings of ``BusHistory``, as arrays."""
-    arrays: dict[str, Any] = {name: np.zeros(RING_SIZE) for name in Rings._fields}
-    arrays["plans"] = np.zeros((RING_SIZE if keeps_plans else 1, ROW_LENGTH))
-    for name in ("has_error", "is_overruled"):
-        arrays[name] = np.zeros(RING_SIZE, dtype=np.bool_)
-    for name in ("applied_tick", "command_tick"):
-        arrays[name] = np.full(RING_SIZE, -1)
-    return Rings(**arrays)
+def empty_rings(*, keeps_plans: bool) -> History:
+    """Return the initial history of ``BusHistory``, as arrays."""
+    rings = empty_history(keeps_plans=keeps_plans)
+    arrays: dict[str, Any] = {
+        name: np.array(value) for name, value in rings._asdict().items() if isinstance(value, list)
+    }
+    return rings._replace(**arrays)
 
 
 @lru_cache(maxsize=_UPLINKS_KEPT)

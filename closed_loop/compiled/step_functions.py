@@ -19,7 +19,6 @@ from ...controller.history.history import (
     command_step,
     echo_step,
     error_step,
-    history_of,
     loop_delay_at,
     path_step,
 )
@@ -70,7 +69,6 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     planned_rad,
     difference_step,
     ramp_step,
-    history_of,
     error_step,
     echo_step,
     command_step,

@@ -124,7 +124,7 @@ def law_system(design: LawDesign) -> LinearSystem:
         values = [float(value) for value in _UNIT * unit]
         *sent_rad, error_m, heading_rad = values[order:]
         history = NO_HISTORY._replace(
-            tick_mask=-1, sent_rad=tuple(reversed(sent_rad)), heading_error_rad=(heading_rad,)
+            tick_mask=-1, sent_rad=[*reversed(sent_rad)], heading_error_rad=[heading_rad]
         )
         loop_delay = NO_LOOP_DELAY._replace(tick=commands)
         observed = LawInput(error_m, sent_rad[0], NO_VEHICLE, loop_delay, history)

@@ -3,12 +3,12 @@
 E2E counters are unwrapped to sample numbers. The number nearest to the one expected by the clock is
 taken, so that a gap longer than the counter's range and a restart of the sender are bridged.
 
-Four step functions record received and sent values in ``Rings`` (lists in a live run, arrays in
+Four step functions record received and sent values in ``History`` (lists in a live run, arrays in
 batches), and ``loop_delay_at`` derives the delay at a tick. ``BusHistory`` keeps their states for a
 node.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableSequence, Sequence
 from typing import Any, NamedTuple
 
 from ...dbc.codec.protection import COUNTERS
@@ -46,25 +46,6 @@ class HistoryParams(NamedTuple):
     limits: AgeLimits
 
 
-class Rings(NamedTuple):
-    """The value of a number is at ``number % RING_SIZE``; see ``History`` for the first seven.
-
-    ``command_tick``  the tick that sent a command, by the command's number
-    ``plans``         by tick, as in ``History``; one row if none are kept
-    """
-
-    sent_rad: list[float]
-    lateral_error_m: list[float]
-    heading_error_rad: list[float]
-    has_error: list[bool]
-    applied_tick: list[int]
-    is_overruled: list[bool]
-    wheel_rad: list[float]
-    command_tick: list[int]
-    curvature_1_m: list[float]
-    plans: list[list[float]]
-
-
 class Errors(NamedTuple):
     """The newest LATERAL_ERROR: its sample, -1 before the first, and when it arrived [ns]."""
 
@@ -93,27 +74,9 @@ NO_ECHOES = Echoes(-1, 0, NO_DELAY)
 NO_COMMANDS = Commands(0, -1)
 
 
-def history_of(rings: Rings) -> History:
-    """Return the rings as laws read them."""
-    return History(
-        _MASK,
-        _MASK,
-        rings.sent_rad,
-        rings.lateral_error_m,
-        rings.heading_error_rad,
-        rings.has_error,
-        rings.applied_tick,
-        rings.is_overruled,
-        rings.wheel_rad,
-        rings.curvature_1_m,
-        len(rings.plans) - 1,
-        rings.plans,
-    )
-
-
 def error_step(
     p: HistoryParams,
-    rings: Rings,
+    rings: History,
     x: Errors,
     echoes: Echoes,
     counter: int,
@@ -137,7 +100,7 @@ def error_step(
 
 def echo_step(
     p: HistoryParams,
-    rings: Rings,
+    rings: History,
     x: Echoes,
     errors: Errors,
     commands: Commands,
@@ -172,13 +135,13 @@ def echo_step(
 
 
 def command_step(
-    rings: Rings, x: Commands, tick: int, sent_rad: float, is_planned: bool
+    rings: History, x: Commands, tick: int, sent_rad: float, is_planned: bool
 ) -> Commands:
     """Store the command of a tick; the last command stays in effect over skipped ticks.
 
     ``is_planned``  whether it is part of a plan, which is in its row already
     """
-    plan_mask = len(rings.plans) - 1
+    plan_mask = rings.plan_mask
     for skipped in range(max(x.newest_tick + 1, tick - RING_SIZE), tick):
         rings.sent_rad[skipped & _MASK] = rings.sent_rad[x.newest_tick & _MASK]
         if plan_mask:
@@ -192,7 +155,7 @@ def command_step(
 
 def path_step(
     p: HistoryParams,
-    rings: Rings,
+    rings: History,
     path_end: int,
     errors: Errors,
     counter: int,
@@ -257,7 +220,7 @@ def _sample_of(
     return unwrapped(counter, expected, COUNTERS)
 
 
-def _tick_of(rings: Rings, commands: Commands, applied_counter: int, status: int) -> int:
+def _tick_of(rings: History, commands: Commands, applied_counter: int, status: int) -> int:
     """Return the tick whose command is in effect, -1 if none is or it is no longer stored."""
     if status == _NO_COMMAND or commands.sent == 0:
         return -1
@@ -273,6 +236,26 @@ def _is_late(p: HistoryParams, echoes: Echoes, now_ns: int) -> bool:
     return echoes.sample >= 0 and now_ns - echoes.arrival_ns > p.limits.steering_status_ns
 
 
+def empty_history(*, keeps_plans: bool) -> History:
+    """Return a history in which nothing has happened, as lists."""
+    size = RING_SIZE
+    return History(
+        tick_mask=_MASK,
+        sample_mask=_MASK,
+        sent_rad=[0.0] * size,
+        lateral_error_m=[0.0] * size,
+        heading_error_rad=[0.0] * size,
+        has_error=[False] * size,
+        applied_tick=[-1] * size,
+        is_overruled=[False] * size,
+        wheel_rad=[0.0] * size,
+        curvature_1_m=[0.0] * size,
+        plan_mask=_MASK if keeps_plans else 0,
+        plans=[[0.0] * ROW_LENGTH for _ in range(size if keeps_plans else 1)],
+        command_tick=[-1] * size,
+    )
+
+
 class BusHistory:
     """Stores commands, measurements and echoes for a node.
 
@@ -285,26 +268,13 @@ class BusHistory:
         self, params: LoopDelayParams, limits: AgeLimits, *, keeps_plans: bool = False
     ) -> None:
         self._params = HistoryParams(params, limits)
-        size = RING_SIZE
-        self._rings = Rings(
-            sent_rad=[0.0] * size,
-            lateral_error_m=[0.0] * size,
-            heading_error_rad=[0.0] * size,
-            has_error=[False] * size,
-            applied_tick=[-1] * size,
-            is_overruled=[False] * size,
-            wheel_rad=[0.0] * size,
-            command_tick=[-1] * size,
-            curvature_1_m=[0.0] * size,
-            plans=[[0.0] * ROW_LENGTH for _ in range(size if keeps_plans else 1)],
-        )
+        self.history = empty_history(keeps_plans=keeps_plans)
         self._errors = NO_ERRORS
         self._echoes = NO_ECHOES
         self._commands = NO_COMMANDS
         self._vehicle_ns = -1
         self._path_end = -1
         self._first_period: int | None = None
-        self.history = history_of(self._rings)
 
     def on_vehicle(self, now_ns: int) -> None:
         """Record that the vehicle's speed is known."""
@@ -312,7 +282,7 @@ class BusHistory:
 
     def on_path(self, path: PathAhead, speed_m_s: float) -> None:
         """Store the path ahead, at the vehicle's speed."""
-        params, rings, path_end, errors = self._params, self._rings, self._path_end, self._errors
+        params, rings, path_end, errors = self._params, self.history, self._path_end, self._errors
         counter, spacing_m, ahead_1_m = path.path_sample, path.path_spacing_m, curvatures_of(path)
         self._path_end = path_step(
             params, rings, path_end, errors, counter, spacing_m, ahead_1_m, speed_m_s
@@ -320,7 +290,7 @@ class BusHistory:
 
     def on_error(self, error: LateralError, counter: int, now_ns: int) -> None:
         """Store a measurement."""
-        params, rings, errors, echoes = self._params, self._rings, self._errors, self._echoes
+        params, rings, errors, echoes = self._params, self.history, self._errors, self._echoes
         error_m, heading_rad = error.lateral_error_m, error.heading_error_rad
         self._errors = error_step(
             params, rings, errors, echoes, counter, error_m, heading_rad, now_ns
@@ -329,7 +299,7 @@ class BusHistory:
     def on_echo(self, status: SteeringStatus, counter: int, now_ns: int) -> None:
         """Store an echo."""
         wheel_rad, applied, code = status.wheel_angle_rad, status.applied_counter, status.status
-        params, rings = self._params, self._rings
+        params, rings = self._params, self.history
         errors, commands = self._errors, self._commands
         self._echoes = echo_step(
             params, rings, self._echoes, errors, commands, counter, applied, code, wheel_rad, now_ns
@@ -340,12 +310,12 @@ class BusHistory:
         if self._first_period is None:
             self._first_period = period
         self._commands = command_step(
-            self._rings, self._commands, self._tick(period), sent_rad, is_planned
+            self.history, self._commands, self._tick(period), sent_rad, is_planned
         )
 
-    def plan_of(self, period: int) -> list[float]:
+    def plan_of(self, period: int) -> MutableSequence[float]:
         """Return the row of a control period, where its plan is."""
-        return self._rings.plans[self._tick(period) & (len(self._rings.plans) - 1)]
+        return self.history.plans[self._tick(period) & self.history.plan_mask]
 
     def loop_delay(self, period: int, now_ns: int) -> LoopDelay:
         """Return the delay in a control period."""

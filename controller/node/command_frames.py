@@ -6,6 +6,8 @@ next status, and the uplink latency. Later echoes of the same counter add no inf
 that was lost or overtaken by a newer one is never applied and has no echo.
 """
 
+from collections.abc import MutableSequence
+
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand, SteeringPlan
 from ...runtime.frame import Frame
 from ..history.plan import limit_plan, plan_message
@@ -83,7 +85,12 @@ class CommandFrames:
         )
 
     def plan(
-        self, row: list[float], acting: int, before: list[float], mode: Mode, now_ns: int
+        self,
+        row: MutableSequence[float],
+        acting: int,
+        before: MutableSequence[float],
+        mode: Mode,
+        now_ns: int,
     ) -> Frame:
         """Return the frame of a plan after limiting its ``row``.
 
