@@ -84,7 +84,8 @@ def shared_vehicle(file: Path | None) -> SharedTable | None:
     if file is None:
         return None
     table = read_table(file, "vehicle")
-    return SharedTable(str(file), {"nominal_model": {"kind": "vehicle", **table}})
+    model = {key: value for key, value in table.items() if not key.startswith("initial_")}
+    return SharedTable(str(file), {"nominal_model": {"kind": "vehicle", **model}})
 
 
 def on_bus(settings: ControllerSettings, *, takes_fd: bool) -> ControllerSettings:

@@ -251,8 +251,9 @@ def _run(
     for segment in segments:
         if segment.mode == Mode.ACTIVE:
             sample = schedule.tick_sample[segment.first_tick]
-            if is_start:  # A vehicle that stands on its path; the sensor reads noise alone.
-                error_m = quantised(schedule.noise_m[sample], LATERAL_ERROR_RESOLUTION_M)
+            if is_start:  # a vehicle that stands
+                reading_m = motion.lateral_error_m + schedule.noise_m[sample]
+                error_m = quantised(reading_m, LATERAL_ERROR_RESOLUTION_M)
             else:
                 error_m = float(records.measured_m[sample])
             if before in (Mode.HOLDING, Mode.ACTIVE) and design.recovered_state is not None:

@@ -50,12 +50,13 @@ def interval_of(x: MotionState) -> int:
 
 
 def start_motion(p: MotionParams) -> MotionState:
-    """Return the state at time 0: on the path, along it, wheel straight."""
+    """Return the state at time 0: where the settings say, not turning, wheel straight."""
     place, wheel = Place(0, 0), at_rest(0.0)
     rho, rho_rate = _curvature_along(p, place)
     first = p.intervals[0]
     w_beta, w_r = first.side_slip_disturbance_rad_s, first.yaw_disturbance_rad_s2
-    linear = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, rho, rho_rate, w_beta, w_r)
+    psi, y = p.heading_error_rad, p.lateral_error_m
+    linear = (0.0, 0.0, psi, y, 0.0, 0.0, rho, rho_rate, w_beta, w_r)
     course = _course(p, wheel, place, _place_end_ns(p, place), 0, _interval_end_ns(p, 0))
     return 0, linear, course
 

@@ -41,6 +41,9 @@ class MotionParams(NamedTuple):
     table: Table
     first_rows: Sequence[Sequence[int]]
     """Where in ``table`` each interval's transitions start, by `WheelPhase`."""
+    lateral_error_m: float
+    """At the start, as the heading error."""
+    heading_error_rad: float
 
 
 def motion_params(
@@ -90,7 +93,17 @@ def _params(
         actuator.dead_band_rad,
     )
     intervals = disturbance_intervals(disturbance, params)
-    return MotionParams(params.speed_m_s, params.preview_distance_m, servo, path, intervals, (), ())
+    return MotionParams(
+        params.speed_m_s,
+        params.preview_distance_m,
+        servo,
+        path,
+        intervals,
+        (),
+        (),
+        vehicle.initial_lateral_error_m,
+        vehicle.initial_heading_error_rad,
+    )
 
 
 def vehicle_params(settings: VehicleSettings) -> VehicleParams:

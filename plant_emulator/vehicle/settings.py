@@ -77,6 +77,9 @@ class VehicleSettings(Settings):
     """From the centre of gravity to the rear axle."""
     preview_distance_m: float = Field(2.0, ge=0.0, le=100.0)
     """From the centre of gravity ahead to the point whose lateral error is measured."""
+    initial_lateral_error_m: float = Field(0.0, ge=-50.0, le=50.0)
+    """Of the preview point; to the left of the path positive."""
+    initial_heading_error_rad: float = Field(0.0, ge=-1.0, le=1.0)
     model: Annotated[str, plugin_place(find_vehicle_model)] | None = None
     """Equations of motion of another package (``VehicleModel``), instead of (1)."""
     own: Annotated[PluginTable, plugin_table(find_vehicle_model), TABLE_SCHEMA] = PLUGIN_TABLE

@@ -98,8 +98,8 @@ def car_motion_params(
         ],
         speed_m_s=points[0][1],
         preview_distance_m=vehicle.preview_distance_m,
-        lateral_error_m=car.initial_lateral_error_m,
-        heading_error_rad=car.initial_heading_error_rad,
+        lateral_error_m=vehicle.initial_lateral_error_m,
+        heading_error_rad=vehicle.initial_heading_error_rad,
     )
 
 

@@ -71,9 +71,6 @@ class CarSettings(Settings):
     width_m: float = Field(1.8, gt=0.0, le=5.0)
     lane_m: float = Field(3.5, gt=0.0, le=100.0)
     """Width of the lane, with the path in its middle, in which the verdict wants the body."""
-    initial_lateral_error_m: float = Field(0.0, ge=-50.0, le=50.0)
-    """Of the preview point; to the left of the path positive."""
-    initial_heading_error_rad: float = Field(0.0, ge=-1.0, le=1.0)
     speed: tuple[SpeedPoint, ...] = Field((), max_length=10_000)
     """The profile; if omitted, ``vehicle.speed_m_s`` all the time."""
     grip: tuple[GripSettings, ...] = Field((), max_length=10_000)

@@ -63,6 +63,9 @@ PLANTS: dict[str, Sequence[str]] = {
         *("latency.uplink.mean_s=0.05", "latency.uplink.spread_s=0.03", "latency.uplink.loss=0.2"),
     ),
     "sensors at their own pace": ("sensor_period_ms=7", "latency.uplink.mean_s=0.003"),
+    "next to the path": (
+        *("vehicle.initial_lateral_error_m=1.5", "vehicle.initial_heading_error_rad=-0.2"),
+    ),
     "moving from the start": ("start_on_first_command=false", "latency.uplink.mean_s=0.2"),
 }
 

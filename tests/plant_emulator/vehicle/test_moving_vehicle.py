@@ -73,6 +73,15 @@ def test_motion_starts_at_rest_on_the_path_with_its_curvature_before_it() -> Non
     assert motion.pose == pytest.approx((78.2, -2.0, 0.5 * math.pi))
 
 
+def test_motion_starts_next_to_the_path_where_the_settings_say() -> None:
+    next_to_it = VehicleSettings(initial_lateral_error_m=0.7, initial_heading_error_rad=-0.3)
+    motion = Motion(quiet(StraightSettings(), next_to_it))
+    assert (motion.lateral_error_m, motion.heading_error_rad) == (0.7, -0.3)
+    # The preview point is 0.7 m to the left; the centre of gravity 2 m behind it.
+    at = -2.0 * math.cos(0.3), 0.7 + 2.0 * math.sin(0.3), -0.3
+    assert motion.pose == pytest.approx(at)
+
+
 def test_time_does_not_run_backwards() -> None:
     motion = Motion(quiet(StraightSettings()))
     motion.advance(10)

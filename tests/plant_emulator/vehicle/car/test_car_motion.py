@@ -108,7 +108,7 @@ def test_half_the_step_moves_the_error_by_less_than_one_percent(
 
 def test_the_place_on_the_path_follows_the_motion_at_large_angles() -> None:
     """On a circle, at up to 46 degrees to it: the pose moves as the speeds say."""
-    motion = car_on("path={kind='circle', radius_m=40.0}", "car.initial_heading_error_rad=-0.5")
+    motion = car_on("path={kind='circle', radius_m=40.0}", "vehicle.initial_heading_error_rad=-0.5")
     motion.command(-0.03)
     x, y, _ = motion.pose
     for tick in range(1, 700):
