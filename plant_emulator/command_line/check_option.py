@@ -29,6 +29,8 @@ from ..sensors.sampling import samples_per_vehicle_state
 from ..settings import PlantSettings, plant_motion_params
 from ..steering.safety_limiter import AVERAGING_S, Cause
 from ..steering.settings import design_guard
+from ..vehicle.car.settings import CarSettings
+from ..vehicle.car.steady_state import steady_turn
 from ..vehicle.moving_vehicle import AnyMotionParams
 from ..vehicle.steady_turn import steady_steer_m, understeer_gradient_s2_m, wheelbase_m
 
@@ -74,6 +76,8 @@ def _path(settings: PlantSettings, params: AnyMotionParams) -> Iterator[str]:
     largest_1_m = float(np.abs(curvature_1_m).max())
     yield f"  largest curvature    {largest_1_m:.4g} 1/m"
     yield f"  lateral acceleration {speed_m_s**2 * largest_1_m:.4g} m/s²"
+    if settings.car is not None:
+        yield _grip(settings, settings.car, largest_1_m)
     # From the critical speed on it is not positive.
     steer_m = steady_steer_m(vehicle)
     if vehicle.model is not None or steer_m <= 0.0:
@@ -98,6 +102,20 @@ def _path(settings: PlantSettings, params: AnyMotionParams) -> Iterator[str]:
     stop_rad = settings.actuator.angle_limit_rad
     if stop_rad is not None and stop_rad < reach_rad:
         yield f"  actuator angle limit {stop_rad:.4g} rad  TOO LITTLE for this path"
+
+
+def _grip(settings: PlantSettings, car: CarSettings, curvature_1_m: float) -> str:
+    """Return how much of its grip a car needs for the sharpest bend, and what it is there."""
+    speed_m_s = settings.vehicle.speed_m_s
+    try:
+        turn = steady_turn(settings.vehicle, car, speed_m_s, curvature_1_m)
+    except ValueError as error:
+        return f"  grip                 {error}"
+    return (
+        f"  grip used there      {100.0 * turn.grip_share:.0f} %, cornering stiffness"
+        f" {turn.vehicle.front_cornering_stiffness_n_rad:.4g} and"
+        f" {turn.vehicle.rear_cornering_stiffness_n_rad:.4g} N/rad"
+    )
 
 
 def _curvature(path: Path, arc_m: NDArray[np.float64]) -> NDArray[np.float64]:

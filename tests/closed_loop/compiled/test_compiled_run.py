@@ -105,7 +105,9 @@ def test_a_compiled_run_equals_the_nodes_with_every_preset(preset: str) -> None:
 @pytest.mark.parametrize("preset", preset_names("steer_by_wire.plant_emulator.presets"))
 def test_a_compiled_run_equals_the_nodes_with_every_plant_preset(preset: str) -> None:
     plant = plant_preset(preset, ["duration_s=3"])
-    run = assert_same_as_nodes(plant, controller_preset("practical_pd_dob"))
+    # A law for another vehicle makes some slide, which their controller would stop for.
+    law = controller_preset("practical_pd_dob", ["supervision.stops_if_implausible=false"])
+    run = assert_same_as_nodes(plant, law)
     assert len(run.tick_s) > 0
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steer_by_wire.plant_emulator.command_line.check_option import check_text
 from steer_by_wire.plant_emulator.path.portable_trigonometry import arctan, cos_sin
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.plant_emulator.vehicle.car.car_design import car_params
@@ -217,3 +218,10 @@ def test_portable_functions_have_their_stated_error(
     points = np.concatenate([np.linspace(-7.0, 7.0, 20_001), np.geomspace(1e-9, 1e9, 2001)])
     points = points if ours is arctan else points[:20_001]
     assert max(abs(ours(float(x)) - exact(float(x))) for x in points) <= error
+
+
+def test_check_says_how_much_grip_the_path_takes() -> None:
+    # 1.379 m/s² of 1.173 times 9.81.
+    assert "grip used there      12 %" in check_text(plant_preset("large_sedan"))
+    tight = plant_preset("large_sedan", ["path={kind='circle', radius_m=20}"])
+    assert "drive more slowly, on a gentler bend or on more friction" in check_text(tight)
