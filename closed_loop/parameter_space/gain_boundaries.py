@@ -16,6 +16,7 @@ because the vehicle's two integrators are poles of P at s = 0 and harmless in 1/
 """
 
 import math
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ import numpy as np
 from ...controller.analysis.linear_system import polynomials
 from ...controller.filters.transfer_function import TransferFunction
 from ...runtime.array_types import ComplexArray, FloatArray
-from .d_stability import DStability
+from .d_stability import DStability, judge
 
 _POINTS = 2000
 _NEAR, _FAR = 1e-3, 1e4
@@ -85,6 +86,14 @@ def boundary_curves(
         gains = np.column_stack([-inverse.response(s).real - k_d * root, k_d])
         curves.append(BoundaryCurve(bound, RootKind.REAL, gains, s))
     return tuple(curves)
+
+
+def meets_demands(
+    models: Iterable[TransferFunction], spec: DStability, k_p_rad_m: float, k_d_rad_s_m: float
+) -> bool:
+    """Whether the roots of the loop meet the specification with each plant, such as the corners."""
+    gains = np.array([[k_p_rad_m, k_d_rad_s_m]])
+    return all(judge(spec, closed_loop_roots(model, gains)).satisfied[0] for model in models)
 
 
 def closed_loop_roots(model: TransferFunction, gains: FloatArray) -> ComplexArray:
