@@ -6,7 +6,7 @@
 
     @pytest.mark.steer_by_wire(plant="paper_nominal", latency_s=0.08, seeds=range(3))
     def test_my_controller_holds_the_path(rig):
-        rig.run(["./my_controller", "{channel}"]).assert_holds(rms_m=0.02)
+        rig.run(["./my_controller", "{channel}"]).assert_holds(settled_rms_m=0.02)
 
 Arguments of the marker: ``plant`` (a preset, or a settings file), ``latency_s`` (mean latency of
 the commands), ``seeds`` (the test runs once with each), ``overrides`` (other settings of the plant,

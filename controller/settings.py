@@ -43,8 +43,12 @@ class ControllerSettings(LawSettings):
 
     @property
     def law_that_reads_the_vehicle(self) -> str:
-        """The law's name if it reads more than the lateral error; else empty."""
-        reads_more = self.law_record.looks_back or design_law(self).looks_back
+        """The law's name if it needs more than the lateral error; else empty.
+
+        Without curvature and speed, the set point of the followed point stays 0.
+        """
+        alone = self.model_copy(update={"followed_point": "preview"})
+        reads_more = self.law_record.looks_back or design_law(alone).looks_back
         return self.law if reads_more else ""
 
     @property

@@ -46,7 +46,7 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     for law in ("practical_pd", "practical_pd_ddob"):
         run = simulate(controller=law, duration_s=30.0, overrides=wind, engine="compiled")
         runs[law] = run
-        label = f"{law}, RMS {1e3 * run.lateral_error_rms_m:.2f} mm"
+        label = f"{law}, RMS {1e3 * run.settled_rms_m:.2f} mm"
         axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
     axes.set(xlabel="time [s]", ylabel="lateral error [mm]", title="Gusts of side wind")
     axes.legend()

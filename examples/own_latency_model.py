@@ -41,7 +41,7 @@ def main(folder: Path = Path("out/examples")) -> list[Run]:
     for order in ("newest_wins", "in_order"):
         network = {"model": TWO_ROUTES, "mean_s": 0.02, "spread_s": 0.01, "order": order}
         run = simulate(duration_s=30.0, overrides={"plant.latency.downlink": network})
-        label = f"{order}, RMS {1e3 * run.lateral_error_rms_m:.1f} mm"
+        label = f"{order}, RMS {1e3 * run.settled_rms_m:.1f} mm"
         error.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
         latency_ms = 1e3 * run.plant.downlink_latency_s
         latency.hist(latency_ms, bins=range(0, 200, 10), histtype="step", label=order)

@@ -57,7 +57,7 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     figure = Figure(figsize=(9.0, 6.0), layout="constrained", dpi=110)
     latency, error = figure.subplots(2, 1, sharex=True)
     for law, run in runs.items():
-        label = f"{law}, RMS {1e3 * run.lateral_error_rms_m:.1f} mm"
+        label = f"{law}, RMS {1e3 * run.settled_rms_m:.1f} mm"
         error.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
     plant = runs[LAWS[0]].plant
     latency.plot(plant.time_s, 1e3 * plant.downlink_latency_s, ".", ms=2.0, label="commands")

@@ -125,14 +125,15 @@ class CompiledRun(NamedTuple):
         """Deviation of the centre of gravity from the path; computed again at each call."""
         return self.deviation_m(self.motion.preview_distance_m)
 
-    def deviation_m(self, behind_m: float, stride: int = 1) -> FloatArray:
-        """Return the deviation of a point behind the preview point at every ``stride``-th sample.
+    def deviation_m(self, behind_m: float) -> FloatArray:
+        """Return the deviation of a point behind the preview point at every sample.
 
-        For each sample this takes as long as the run itself.
+        This takes as long as the run itself.
         """
+        if behind_m == 0.0:
+            return self.lateral_error_m
         columns = (self.arc_length_m, self.heading_error_rad, self.lateral_error_m)
-        chosen = (np.ascontiguousarray(column[::stride]) for column in columns)
-        deviations_m: FloatArray = cg_deviations_m(self.motion.path, *chosen, behind_m)
+        deviations_m: FloatArray = cg_deviations_m(self.motion.path, *columns, behind_m)
         return deviations_m
 
     @property
@@ -159,10 +160,20 @@ class CompiledRun(NamedTuple):
         return latency_s
 
     @property
-    def lateral_error_rms_m(self) -> float:
-        """Root mean square of the lateral error, as the plant's report has it."""
-        squares = np.cumsum(self.lateral_error_m * self.lateral_error_m)
-        return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0
+    def rms_m(self) -> float:
+        """Root mean square of the car's deviation from the path, as the plant's report has it."""
+        return rms_of(self.cg_deviation_m)
+
+    @property
+    def preview_rms_m(self) -> float:
+        """The same of the preview point."""
+        return rms_of(self.lateral_error_m)
+
+
+def rms_of(values: FloatArray) -> float:
+    """Return the root mean square, added up in the order of the samples; 0 without any."""
+    squares = np.cumsum(np.square(values))
+    return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0
 
 
 def run_compiled(

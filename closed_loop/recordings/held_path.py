@@ -1,4 +1,4 @@
-"""Figures of how well the path was held in a log, by the measured lateral error.
+"""Figures of how well the path was held in a log, by the car's deviation or the measured error.
 
 They count from the first command on.
 
@@ -14,7 +14,7 @@ Both messages have come through the same uplink. What is left is of the third or
 differs from the plant's own figure by a millimetre.
 
 A plant judges its true error. Here the verdict is on the mean of the errors of SMOOTHED_S, as if
-the sensor had no noise.
+the sensor had no noise. It is on the preview point where the log does not tell where the car is.
 """
 
 import math
@@ -34,6 +34,8 @@ SAMPLES_MAX = 31_000
 """Of the newest: two windows of 15 s at 1 kHz, and half a second on either side of them."""
 SMOOTHED_S = 0.1
 """Ten samples at 100 Hz; an oscillation of 10 rad/s loses 4 % of its amplitude."""
+KNOWN_SHARE = 0.9
+"""Share of the measurements with which a log has to tell where the car is, for a verdict on it."""
 _LIMITS = {
     messages.SteeringStatusCode.LIMITED_BY_SAFETY: "safety limit or fade",
     messages.SteeringStatusCode.LIMITED: "actuator",
@@ -49,15 +51,17 @@ class HeldPath:
     """
 
     def __init__(self, rules: VerdictRules) -> None:
-        if rules.followed_point == "rear_axle":
+        if rules.judged_point == "rear_axle":
             raise SettingsError(
-                "followed_point = rear_axle: a log has the error of preview point and centre of "
+                "judged_point = rear_axle: a log has the error of preview point and centre of "
                 "gravity alone (allowed: preview, centre_of_gravity)"
             )
         self._rules = rules
         self._figures = RunningFigures(rules.settling_band_m, SAMPLES_MAX)
-        self._recent: deque[tuple[float, float]] = deque()
-        """Time and error of the followed point, of SMOOTHED_S; without times the newest only."""
+        """Of the preview point; ``_of_car`` has the same where the log tells where the car is."""
+        self._of_car = RunningFigures(rules.settling_band_m, SAMPLES_MAX)
+        self._recent: deque[tuple[float, float, float]] = deque()
+        """Time, error and deviation of the car, of SMOOTHED_S; without times the newest only."""
         self.has_started = False
         self._wheel_rad = 0.0
         self._limit = ""
@@ -85,22 +89,24 @@ class HeldPath:
             self._limit = _LIMITS.get(message.status, "")
         elif isinstance(message, messages.LateralError) and self.has_started:
             error_m = message.lateral_error_m
-            figures = self._figures
-            if not figures.samples:
+            if not self._figures.samples:
                 self._first_s = at_s
             is_settled = at_s - self._first_s >= self._rules.settled_s
-            if is_settled and figures.settled_after == math.inf:
-                figures.settled_after = figures.samples
-            follows_cg = self._rules.followed_point == "centre_of_gravity"
-            followed_m = self._smoothed(at_s, cg_deviation_m if follows_cg else error_m)
-            figures.add([(error_m, cg_deviation_m, followed_m, self._wheel_rad, self._limit)])
+            smoothed = self._smoothed(at_s, error_m, cg_deviation_m)
+            for figures, judged_m in zip((self._figures, self._of_car), smoothed, strict=True):
+                if is_settled and figures.settled_after == math.inf:
+                    figures.settled_after = figures.samples
+                if not math.isnan(judged_m):
+                    sample = error_m, cg_deviation_m, judged_m, self._wheel_rad, self._limit
+                    figures.add([sample])
 
-    def _smoothed(self, at_s: float, followed_m: float) -> float:
+    def _smoothed(self, at_s: float, error_m: float, cg_m: float) -> tuple[float, float]:
         recent = self._recent
-        recent.append((at_s, followed_m))
+        recent.append((at_s, error_m, cg_m))
         while len(recent) > 1 and not at_s - recent[0][0] < SMOOTHED_S:
             recent.popleft()
-        return sum(each for _, each in recent) / len(recent)
+        _, errors_m, cgs_m = zip(*recent, strict=True)
+        return sum(errors_m) / len(recent), sum(cgs_m) / len(recent)
 
     def report(self, period_s: float, *, left_range: bool) -> Mapping[str, Any]:
         """Return the figures as a plant reports them.
@@ -108,11 +114,15 @@ class HeldPath:
         ``period_s``    between two measurements
         ``left_range``  whether an error was beyond the range of its signal
         """
-        figures = self._figures
+        figures, rules = self._figures, self._rules
+        if self._of_car.samples < KNOWN_SHARE * self.samples:
+            rules = rules.model_copy(update={"judged_point": "preview"})
+        elif rules.judged_point == "centre_of_gravity":
+            figures = self._of_car
         if left_range and figures.samples:
-            figures.lateral_error_peak_m = math.inf
+            figures.preview_peak_m = math.inf
         motion_ns = round(figures.samples * period_s * NS_PER_S)
-        return motion_report(figures, motion_ns, self._rules, 0.0, period_s)
+        return motion_report(figures, motion_ns, rules, 0.0, period_s)
 
 
 PREVIEW_M = 2.0

@@ -1,8 +1,8 @@
 """One plant, its path and its network, to be driven by any controller.
 
     rig = Rig(Path("out"), "paper_nominal", {"latency.downlink.mean_s": 0.08}, seed=7)
-    rig.run("practical_pd_ddob").assert_holds(rms_m=0.02)               # virtual time
-    rig.run(["./my_controller", "{channel}"]).assert_holds(rms_m=0.02)  # a program, on a real bus
+    rig.run("practical_pd_ddob").assert_holds(rms_m=0.1)           # virtual time
+    rig.run(["./my_controller", "{channel}"]).assert_holds()  # a program, on a real bus
     rig.run(["./my_controller"], lockstep=True)                         # the same, virtual time
 
 ``rig.run`` takes the name of a controller preset, the path of a settings file (.toml), a function
@@ -35,7 +35,6 @@ from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
 from ..lockstep.node import LockstepNode
 from ..lockstep.program import LockstepProgram
-from ..pair.agreed_point import judged_like
 from ..pair.live_bus import BUSES, Bus, open_channels
 from ..pair.live_pair import LivePair, Program
 from ..pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace
@@ -129,7 +128,7 @@ class Rig:
                 return self._in_virtual_time(node, self.settings, files)
         settings = settings_of(ControllerSettings, controller, overrides)
         self._language.refuse_law(settings.law_that_reads_the_vehicle)
-        plant = judged_like(self.settings, settings)
+        plant = self.settings
         files.write_settings(plant, settings)
         if in_real_time:
             outcome = self._in_real_time(plant, files)

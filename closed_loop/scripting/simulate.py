@@ -4,7 +4,7 @@
 >>> run = steer_by_wire.simulate(duration_s=5.0, overrides={"plant.latency.downlink.mean_s": 0.08})
 >>> run.plant.lateral_error_m.shape
 (500,)
->>> f"{1e3 * run.lateral_error_rms_m:.1f} mm"
+>>> f"{1e3 * run.rms_m:.1f} mm"
 '12.3 mm'
 """
 
@@ -36,7 +36,6 @@ from ...runtime.settings import (
 )
 from ...runtime.settings.plugin import by_place
 from ..pair.agreed_period import pair_warnings, with_period_of
-from ..pair.agreed_point import judged_like
 from .simulated_run import ControllerTable, PlantTable, Run
 
 Engine = Literal["virtual", "compiled"]
@@ -152,7 +151,7 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
     if jitter_s and never_varies(driven.latency.downlink):
         raise SettingsError(f"jitter_s = {jitter_s:g}: needs a latency_s around which it varies")
     warnings = tuple(pair_warnings(driven, drives))
-    settings = judged_like(driven, drives), with_period_of(driven, drives)
+    settings = driven, with_period_of(driven, drives)
     if engine not in get_args(Engine):
         known = ", ".join(get_args(Engine))
         raise SettingsError(f"engine = {engine!r} is not a known one (allowed: {known})")

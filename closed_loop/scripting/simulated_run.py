@@ -5,6 +5,7 @@ per control period, so each has a table of its own; an array of a table has shap
 """
 
 import csv
+import math
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -23,9 +24,11 @@ from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.command_line import installation
+from ...runtime.node import NS_PER_S
 from ...runtime.output_file import open_text, write_text
 from ...runtime.settings.settings import DIGESTS
 from ...runtime.settings.toml_text import dump_toml
+from ..compiled.engine import rms_of
 from ..pair.named_files import digest_lines, with_absolute_names
 
 if TYPE_CHECKING:
@@ -199,28 +202,36 @@ class Run(NamedTuple):
 
     @property
     def _errors_in_words(self) -> str:
-        preview_mm, cg_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.cg_deviation_rms_m
-        return f"preview point RMS {preview_mm:.1f} mm, centre of gravity {cg_mm:.1f} mm"
+        car_mm, preview_mm = 1e3 * self.rms_m, 1e3 * self.preview_rms_m
+        return f"car RMS {car_mm:.1f} mm off, preview point {preview_mm:.1f} mm"
 
     @property
-    def lateral_error_rms_m(self) -> float:
-        """Root mean square of the preview point's lateral error; 0 without samples."""
-        return _rms_m(self.plant.lateral_error_m)
+    def rms_m(self) -> float:
+        """Root mean square of the car's deviation, at its centre of gravity; 0 without samples."""
+        return rms_of(self.plant.cg_deviation_m)
 
     @property
-    def lateral_error_peak_m(self) -> float:
-        """Largest magnitude of the lateral error; 0 without samples."""
-        return float(np.max(np.abs(self.plant.lateral_error_m), initial=0.0))
+    def settled_rms_m(self) -> float:
+        """The same from the verdict's ``settled_s`` on; NaN for a shorter run."""
+        period_s = self.plant_settings.sensor_period_ns / NS_PER_S
+        first = math.ceil(self.plant_settings.verdict.settled_s / period_s)
+        settled_m = self.plant.cg_deviation_m[first:]
+        return rms_of(settled_m) if len(settled_m) else math.nan
 
     @property
-    def cg_deviation_rms_m(self) -> float:
-        """Root mean square of the deviation of the centre of gravity; 0 without samples."""
-        return _rms_m(self.plant.cg_deviation_m)
-
-    @property
-    def cg_deviation_peak_m(self) -> float:
-        """Largest magnitude of the deviation of the centre of gravity; 0 without samples."""
+    def peak_m(self) -> float:
+        """Largest magnitude of the car's deviation; 0 without samples."""
         return float(np.max(np.abs(self.plant.cg_deviation_m), initial=0.0))
+
+    @property
+    def preview_rms_m(self) -> float:
+        """Root mean square of the preview point's lateral error; 0 without samples."""
+        return rms_of(self.plant.lateral_error_m)
+
+    @property
+    def preview_peak_m(self) -> float:
+        """Largest magnitude of the preview point's lateral error; 0 without samples."""
+        return float(np.max(np.abs(self.plant.lateral_error_m), initial=0.0))
 
     def track(self) -> Track:
         """Return the run seen from above; takes about 20 µs a row."""
@@ -277,12 +288,6 @@ class Run(NamedTuple):
         )
 
 
-def _rms_m(values_m: FloatArray) -> float:
-    # One by one from the start, as the plant's report adds them up.
-    squares = np.cumsum(np.square(values_m))
-    return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0
-
-
 def _drawn(title: str, plant: PlantTable, controller: ControllerTable) -> "Figure":
     """Draw lateral error, steer, estimates and latency over time."""
     from matplotlib.figure import Figure
@@ -294,7 +299,7 @@ def _drawn(title: str, plant: PlantTable, controller: ControllerTable) -> "Figur
         error, steer, estimates, latency = figure.subplots(4, 1, sharex=True)
         for values_m, label, colour in (
             (plant.lateral_error_m, "preview point", COLOURS[1]),
-            (plant.cg_deviation_m, "centre of gravity", COLOURS[0]),
+            (plant.cg_deviation_m, "car", COLOURS[0]),
         ):
             error.plot(plant.time_s, 1e3 * values_m, color=colour, label=label, lw=1.0)
         error.axhline(0.0, color="black", lw=0.6)

@@ -1,15 +1,15 @@
 """The figures of one run, in one pass of compiled code over its samples, and its verdict.
 
-    y    lateral error of the preview point, once a sensor period      [m]
-         and with it that of the followed point, which is judged       [m]
-         and the angle of the wheel                                    [rad]
-    w    deviation of the centre of gravity, every CG_STRIDE periods   [m]
-    δ    command sent, once a control period                           [rad]
+    w    deviation of the centre of gravity from the path, once a sensor period   [m]
+    y    lateral error of the preview point                                      [m]
+    e    error of the judged point, one of both in most studies                  [m]
+         and the angle of the wheel                                              [rad]
+    δ    command sent, once a control period                                     [rad]
 
-Over the whole run: RMS and peak of y and of w, RMS and peak of δ, RMS of δ̇ (the control effort),
-the settling time of y in its band, the share of control periods in which a command was at its
-limits, and the latency of the commands in effect. From SETTLED_S on: RMS of y and of w. Of the
-followed point: its peak, in the whole run and from ``settled_s`` of the verdict on. Of the body:
+Over the whole run: RMS and peak of w and of y, RMS and peak of δ, RMS of δ̇ (the control effort),
+the settling time of e in its band, the share of control periods in which a command was at its
+limits, and the latency of the commands in effect. From ``settled_s`` of the verdict on: RMS of w
+and of y. Of the judged point: its peak, in the whole run and from ``settled_s`` on. Of the body:
 its distance beyond an edge of its corridor.
 
 At its end: the figures of ``plant_emulator.evaluation.error_windows``, from which the verdict
@@ -38,15 +38,10 @@ from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 from ..compiled.compilation import compiled
 from ..compiled.step_functions import register
-from ..pair.agreed_point import followed_point
 
 RealArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""
 
-CG_STRIDE = 10
-"""The centre of gravity hardly moves in a sensor period; its deviation takes long to compute."""
-SETTLED_S = 5.0
-"""Time by which a run that begins in a bend has settled."""
 _TOLERANCE = 1e-9
 """Tolerance for a command at its limit: the difference of two commands is rounded."""
 
@@ -57,10 +52,11 @@ class Figures(NamedTuple):
     duration_s: float
     """Duration of the motion, up to the end of the run."""
     rms_m: float
+    """Of the car's deviation from the path, at its centre of gravity, as the next two."""
     peak_m: float
     final_m: float
     settling_s: float
-    """Time from which the error stays in its band; NaN if it is outside at the end."""
+    """Time from which the judged point stays in its band; NaN if it is outside at the end."""
     mean_m: float
     mean_before_m: float
     drift_m_s: float
@@ -78,17 +74,16 @@ class Figures(NamedTuple):
     steer_peak_rad: float
     steer_rate_rms_rad_s: float
     limited_share: float
-    cg_rms_m: float
-    """Of the centre of gravity; all other figures of an error are the preview point's."""
-    cg_peak_m: float
+    preview_rms_m: float
+    preview_peak_m: float
     latency_mean_s: float
     """Of the command in effect, over the samples."""
     latency_p99_s: float
     settled_rms_m: float
-    """From SETTLED_S on."""
-    settled_cg_rms_m: float
-    followed_peak_m: float
-    """Of the followed point, as the next."""
+    """From ``settled_s`` of the verdict on, as the next."""
+    settled_preview_rms_m: float
+    judged_peak_m: float
+    """Of the judged point, as the next."""
     settled_peak_m: float
     outside_m: float
     """Of the body beyond an edge of its corridor; NaN where the path has none."""
@@ -106,7 +101,7 @@ def _place(name: str) -> int:
     return Figures._fields.index(name)
 
 
-_PEAKS, _NOISE = _place("followed_peak_m"), _place("sensor_noise_m")
+_PEAKS, _NOISE = _place("judged_peak_m"), _place("sensor_noise_m")
 COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of the results. The counts are whole numbers: samples since the start of motion, commands
@@ -134,7 +129,7 @@ class FigureRules(NamedTuple):
     settling_band_m: float
     settled_s: float = VerdictRules().settled_s
     behind_preview_m: float = 0.0
-    """Of the followed point."""
+    """Of the judged point."""
     sensor_noise_m: float = 0.0
 
 
@@ -142,18 +137,17 @@ def figures_of(
     rules: FigureRules,
     time_s: RealArray,
     lateral_error_m: RealArray,
-    followed_m: RealArray,
-    wheel_rad: RealArray,
     cg_deviation_m: RealArray,
+    judged_m: RealArray,
+    wheel_rad: RealArray,
     sent_rad: RealArray,
     latency: LatencyFigures = NO_LATENCY,
     outside_m: float = math.nan,
 ) -> Figures:
     """Return the figures of one run.
 
-    ``time_s``, ``lateral_error_m``, ``followed_m``, ``wheel_rad``  one per sensor period
-    ``cg_deviation_m``  one per CG_STRIDE of them
-    ``sent_rad``        one command per control period
+    ``judged_m``  error of the judged point, as all others one per sensor period
+    ``sent_rad``  one command per control period
     """
     nan = math.nan
     if not len(time_s):
@@ -161,22 +155,14 @@ def figures_of(
         return blank._replace(
             latency_mean_s=latency.mean_s, latency_p99_s=latency.p99_s, outside_m=outside_m
         )
-    first = int(np.searchsorted(time_s[::CG_STRIDE], SETTLED_S))
-    moved = time_s, lateral_error_m, followed_m, wheel_rad
-    whole, settled_rms_m, windows, effort, peaks = _moved_figures(rules, *moved, sent_rad)
+    moved = time_s, lateral_error_m, cg_deviation_m, judged_m, wheel_rad
+    car, windows, effort, preview, settled, peaks = _moved_figures(rules, *moved, sent_rad)
     return Figures._make(
         (
-            *(*whole, *windows, *effort),
-            *(_rms(cg_deviation_m), float(np.max(np.abs(cg_deviation_m)))),
-            *latency,
-            *(settled_rms_m, _rms(cg_deviation_m[first:])),
-            *(*peaks, outside_m, rules.sensor_noise_m, nan, nan, nan),
+            *(*car, *windows, *effort, *preview, *latency, *settled, *peaks),
+            *(outside_m, rules.sensor_noise_m, nan, nan, nan),
         )
     )
-
-
-def _rms(values: RealArray) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
 
 
 def latency_figures(latency_s: RealArray) -> LatencyFigures:
@@ -199,50 +185,48 @@ register(window_figures)
 
 @compiled
 def _moved_figures(
-    rules: Any, time_s: Any, error_m: Any, followed_m: Any, wheel_rad: Any, sent_rad: Any
+    rules: Any,
+    time_s: Any,
+    error_m: Any,
+    cg_m: Any,
+    judged_m: Any,
+    wheel_rad: Any,
+    sent_rad: Any,
 ) -> Any:
     window = round(rules.window_s / rules.sensor_period_s)
-    whole, settled_rms_m = _errors(rules, time_s, error_m)
-    windows = window_figures(followed_m, wheel_rad, window, rules.sensor_period_s)
-    effort, peaks = _effort(rules, sent_rad), _peaks(rules, time_s, followed_m)
-    return whole, settled_rms_m, windows, effort, peaks
+    windows = window_figures(judged_m, wheel_rad, window, rules.sensor_period_s)
+    settling_s = _settling_s(rules, judged_m)
+    car = time_s[-1], _rms(cg_m, 0), _peak(cg_m, 0), cg_m[-1], settling_s
+    preview = _rms(error_m, 0), _peak(error_m, 0)
+    first = math.ceil(rules.settled_s / rules.sensor_period_s)
+    settled = _rms(cg_m, first), _rms(error_m, first)
+    peaks = _peak(judged_m, 0), _peak(judged_m, first) if first < len(judged_m) else math.nan
+    return car, windows, _effort(rules, sent_rad), preview, settled, peaks
 
 
 @compiled
-def _errors(rules: Any, time_s: Any, error_m: Any) -> Any:
-    """Return duration, RMS, peak, last error and settling time, and the RMS from SETTLED_S on."""
-    samples = len(time_s)
-    square, peak, outside = 0.0, 0.0, -1
-    settled_square, settled = 0.0, 0
-    for k in range(samples):
-        value = error_m[k]
-        square += value * value
-        if time_s[k] >= SETTLED_S:
-            settled_square += value * value
-            settled += 1
-        magnitude = abs(value)
-        if magnitude > peak:
-            peak = magnitude
-        if magnitude > rules.settling_band_m:
-            outside = k
-    settling_s = 0.0 if outside < 0 else math.nan
-    if 0 < outside + 1 < samples:
-        settling_s = time_s[outside + 1]
-    settled_rms_m = math.sqrt(settled_square / settled) if settled else math.nan
-    rms_m = math.sqrt(square / samples)
-    return (time_s[samples - 1], rms_m, peak, error_m[samples - 1], settling_s), settled_rms_m
+def _rms(values: Any, first: int) -> float:
+    """Return the root mean square from a sample on, added up in the order of the samples."""
+    square = 0.0
+    for k in range(first, len(values)):
+        square += values[k] * values[k]
+    return math.sqrt(square / (len(values) - first)) if first < len(values) else math.nan
 
 
 @compiled
-def _peaks(rules: Any, time_s: Any, followed_m: Any) -> Any:
-    """Return the largest error of the whole run, and of the run from ``settled_s`` on."""
-    first = np.searchsorted(time_s, rules.settled_s)
-    before_m, settled_m = 0.0, 0.0
-    for k in range(first):
-        before_m = max(before_m, abs(followed_m[k]))
-    for k in range(first, len(followed_m)):
-        settled_m = max(settled_m, abs(followed_m[k]))
-    return max(before_m, settled_m), settled_m if first < len(followed_m) else math.nan
+def _peak(values: Any, first: int) -> float:
+    peak = 0.0
+    for k in range(first, len(values)):
+        peak = max(peak, abs(values[k]))
+    return peak
+
+
+@compiled
+def _settling_s(rules: Any, judged_m: Any) -> float:
+    for k in range(len(judged_m) - 1, -1, -1):
+        if abs(judged_m[k]) > rules.settling_band_m:
+            return (k + 1) * rules.sensor_period_s if k + 1 < len(judged_m) else math.nan
+    return 0.0
 
 
 @compiled
@@ -276,7 +260,6 @@ def rules_of(
 ) -> FigureRules:
     """Return the rules for the figures of a run of these settings."""
     limits = controller.steer_limits
-    point = followed_point(rules, controller)
     return FigureRules(
         plant.sensor_period_ns / NS_PER_S,
         controller.period_ns / NS_PER_S,
@@ -285,7 +268,7 @@ def rules_of(
         min(rules.window_s, WINDOW_SHARE_MAX * plant.duration_s),
         rules.settling_band_m,
         rules.settled_s,
-        behind_preview_m(point, plant.vehicle),
+        behind_preview_m(rules.judged_point, plant.vehicle),
         plant.sensor_noise.lateral_error_m,
     )
 

@@ -20,7 +20,6 @@ from ...runtime.settings import SettingsError
 from ..compiled.engine import CompiledRun, Outcome, run_compiled
 from ..compiled.schedule import NothingArrivesError, RunSchedule, schedule_run
 from .compiled_figures import (
-    CG_STRIDE,
     COLUMNS,
     COUNTS,
     FigureRules,
@@ -57,13 +56,13 @@ def verdict_on(plant: PlantSettings, controller: ControllerSettings, run: Compil
 def _figures(
     plant: PlantSettings, rules: FigureRules, run: CompiledRun, latency: LatencyFigures
 ) -> Figures:
-    behind_m = rules.behind_preview_m
-    cg_m = run.deviation_m(run.motion.preview_distance_m, CG_STRIDE)
-    followed_m = run.deviation_m(behind_m) if behind_m else run.lateral_error_m
-    moved = run.time_s, run.lateral_error_m, followed_m, run.wheel_angle_rad
+    cg_m, behind_m = run.cg_deviation_m, rules.behind_preview_m
+    is_car = behind_m == run.motion.preview_distance_m
+    judged_m = cg_m if is_car else run.deviation_m(behind_m)
+    moved = run.time_s, run.lateral_error_m, cg_m, judged_m, run.wheel_angle_rad
     at = run.arc_length_m, run.heading_error_rad, run.lateral_error_m
     outside_m = farthest_outside_m(plant, *at)
-    return figures_of(rules, *moved, cg_m, run.sent_rad, latency, outside_m)
+    return figures_of(rules, *moved, run.sent_rad, latency, outside_m)
 
 
 class Computed(NamedTuple):

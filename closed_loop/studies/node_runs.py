@@ -30,7 +30,6 @@ from ..pair.pair_result import Trace
 from ..pair.virtual_bus import shared_bus
 from ..pair.virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
 from .compiled_figures import (
-    CG_STRIDE,
     COUNTS,
     FigureRules,
     Figures,
@@ -84,8 +83,7 @@ def run_on_nodes(
         sent_rad = np.array(sent_on_bus_rad)
     sent_rad = sent_rad[:commands_max]
     run_rules = rules_of(rules, pair.plant, pair.controller)
-    followed_m = followed_error_m(plant.path, trace, run_rules.behind_preview_m)
-    figures = figures_of_trace(run_rules, pair.plant, trace, followed_m, samples, sent_rad)
+    figures = figures_of_trace(run_rules, pair.plant, plant.path, trace, samples, sent_rad)
     row[: len(figures)] = figures._replace(**reactions._asdict())
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
@@ -102,10 +100,8 @@ def range_left(trace: Trace) -> tuple[bool, int]:
     return has_left, int(np.argmax(outside)) + 1 if has_left else len(outside)
 
 
-def followed_error_m(path: Path, trace: Trace, behind_m: float) -> FloatArray:
-    """Return the error of a point behind the preview point, at every sample of a trace."""
-    if not behind_m:
-        return trace.lateral_error_m
+def _deviation_m(path: Path, trace: Trace, behind_m: float) -> FloatArray:
+    """Return the deviation of a point behind the preview point at every sample of a trace."""
     columns = (trace.arc_length_m, trace.heading_error_rad, trace.lateral_error_m)
     at_m, heading_rad, error_m = (column.tolist() for column in columns)
     errors_m = map(cg_deviation_m, repeat(path), at_m, heading_rad, error_m, repeat(behind_m))
@@ -115,20 +111,24 @@ def followed_error_m(path: Path, trace: Trace, behind_m: float) -> FloatArray:
 def figures_of_trace(
     rules: FigureRules,
     plant: PlantSettings,
+    path: Path,
     trace: Trace,
-    followed_m: FloatArray,
     samples: int,
     sent_rad: FloatArray,
 ) -> Figures:
     """Return the figures of the first samples of a trace; ``sent_rad`` one a control period."""
     at = trace.arc_length_m, trace.heading_error_rad, trace.lateral_error_m
+    known = {0.0: trace.lateral_error_m, plant.vehicle.preview_distance_m: trace.cg_deviation_m}
+    judged_m = known.get(rules.behind_preview_m)
+    if judged_m is None:
+        judged_m = _deviation_m(path, trace, rules.behind_preview_m)
     return figures_of(
         rules,
         np.ascontiguousarray(trace.time_s[:samples]),
         np.ascontiguousarray(trace.lateral_error_m[:samples]),
-        np.ascontiguousarray(followed_m[:samples]),
+        np.ascontiguousarray(trace.cg_deviation_m[:samples]),
+        np.ascontiguousarray(judged_m[:samples]),
         np.ascontiguousarray(trace.wheel_angle_rad[:samples]),
-        trace.cg_deviation_m[:samples:CG_STRIDE],
         sent_rad,
         latency_figures(trace.downlink_latency_s[:samples]),
         farthest_outside_m(plant, *(column[:samples] for column in at)),

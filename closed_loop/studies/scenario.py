@@ -23,7 +23,6 @@ from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
 from ..pair.agreed_period import pair_warnings, with_period_of
-from ..pair.agreed_point import judged_like
 from .base_settings import Tables
 from .factors import Label
 from .study import Study
@@ -135,12 +134,8 @@ class Scenarios:
         index, place = divmod(run, len(self.controllers))
         name = self.controllers[place]
         pair = self.checked(self.with_controller(self.case(index), name), name)
-        plant, controller = pair.plant, pair.controller
-        agreed = {
-            "plant": judged_like(plant, controller),
-            "controller": with_period_of(plant, controller),
-        }
-        return pair.model_copy(update=agreed)
+        controller = with_period_of(pair.plant, pair.controller)
+        return pair.model_copy(update={"controller": controller})
 
     def checked(self, case: Case, name: str) -> Pair:
         """Return the settings of a case, with types checked as strictly as in a settings file."""

@@ -99,7 +99,7 @@ def _looking_back(figures: Figures) -> Iterator[str]:
         yield "Poles of the closed loop around the nominal plant, without delay:"
         yield from _poles(figures["closed_loop_poles"])
         yield ""
-        yield "Sensitivity, and steer for a noise of 1 m RMS in every lateral error:"
+        yield "Sensitivity, and steer for noise, per metre of it in the lateral error:"
         for at in figures["delays"]:
             yield f"  {_PER_MS * at['delay_s']:>3.0f} ms   {_noise_and_sensitivity(at)}"
         yield ""

@@ -21,6 +21,9 @@ from ..matrices import zero_order_hold
 from ..prediction.gains_over_speed import BETA, DELTA, PSI, R, Y, continuous_vehicle
 from .linear_system import companion_form
 
+HEADING_NOISE_1_M = 0.1
+"""Noise of the heading error over that of the lateral error: 2 mrad with 20 mm."""
+
 
 class LoopModel(NamedTuple):
     """The controlled system: a vehicle with an actuator, and its network.
@@ -118,7 +121,8 @@ class LoopMatrices(NamedTuple):
     And x ↦ A x + E v with p = F x + G v: v is added to the commands that begin to act, and p acts
     then. x contains the last command that began to act before and still acts.
 
-    ``w``  noise of the lateral errors of its samples [m]
+    ``w``  noise of the lateral errors of its samples [m], and of the heading errors, relative to
+           HEADING_NOISE_1_M
     ``v``  added after the law, which does not know of it [rad]
     """
 
@@ -147,8 +151,9 @@ class Signals:
         acting = timing.acting_tick(self._now_ns)
         vehicle, held = len(self._b), (timing.delay_ns % timing.loop_delay.period_ns > 0)
         self._order = vehicle + law_floats + len(ticks) + 2 * len(samples) + held
-        columns = np.eye(self._order + timing.samples + timing.ticks)
-        rows, added = iter(columns[: self._order]), columns[self._order + timing.samples :]
+        self._noisy = self._order + 2 * timing.samples
+        columns = np.eye(self._noisy + timing.ticks)
+        rows, added = iter(columns[: self._order]), columns[self._noisy :]
         self._vehicle = np.array([next(rows) for _ in range(vehicle)])
         self._law = np.array([next(rows) for _ in range(law_floats)])
         self._commands = {tick: next(rows) for tick in ticks}
@@ -173,11 +178,11 @@ class Signals:
             self._now_ns = until_ns
 
     def take_sample(self) -> None:
-        """Measure, with noise of the lateral error."""
-        timing = self._timing
-        noise = np.zeros(self._vehicle.shape[1])
-        noise[self._order + self._sample - timing.first_sample] = 1.0
-        self._errors[self._sample] = (self._vehicle[Y] + noise, self._vehicle[PSI].copy())
+        """Measure, with noise."""
+        lateral, heading = self._vehicle[Y].copy(), self._vehicle[PSI].copy()
+        place = self._order + 2 * (self._sample - self._timing.first_sample)
+        lateral[place], heading[place + 1] = 1.0, HEADING_NOISE_1_M
+        self._errors[self._sample] = (lateral, heading)
         self._sample += 1
 
     def decide(self, respond: Callable[[Timing, int], FloatArray]) -> None:
@@ -208,7 +213,7 @@ class Signals:
         ]
         end, steers = np.array(rows), np.array(self._steers)
         acts = np.array([self._acts[tick] for tick in self._begins])
-        order, noisy = self._order, self._order + self._timing.samples
+        order, noisy = self._order, self._noisy
         return LoopMatrices(
             end[:, :order],
             end[:, order:noisy],

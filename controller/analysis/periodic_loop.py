@@ -15,8 +15,8 @@ the transients when echoes stop and return are neglected.
                        to the commands that act, G + F (zI - A)⁻¹ E: where the loop repeats itself
                        from tick to tick |1/(1 + L)|, else the largest singular value over all its
                        ticks, which is the same for a loop that does
-    noise gain         RMS of the steer for white noise of 1 m on every lateral error,
-                       from P = A P Aᵀ + B Bᵀ
+    noise gain         RMS of the steer for white noise of 1 m on every lateral error and of
+                       HEADING_NOISE_1_M times that on every heading error, P = A P Aᵀ + B Bᵀ
 """
 
 import math

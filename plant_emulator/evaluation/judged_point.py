@@ -1,14 +1,14 @@
-"""The judged point: which point of the vehicle is to be on the path, and where it lies."""
+"""The judged point of the vehicle: whose deviation from the path decides the verdict."""
 
 from typing import Literal
 
 from ..vehicle.settings import VehicleSettings
 
-FollowedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
-"""The point of the vehicle that the controller holds on the path."""
+JudgedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
+"""The car is where its centre of gravity is; the preview point lies ahead of it."""
 
 
-def behind_preview_m(point: FollowedPoint, vehicle: VehicleSettings) -> float:
+def behind_preview_m(point: JudgedPoint, vehicle: VehicleSettings) -> float:
     """Return how far a point lies behind the preview point."""
     return {
         "preview": 0.0,

@@ -16,8 +16,9 @@ def motion_report(
 ) -> Mapping[str, Any]:
     """Return how well the path was held.
 
-    ``settling_s``        time from which the error stays in its band; None if it ends outside
-    ``verdict``           on the run so far, of its ``followed_point``, by ``followed_peak_m``,
+    ``*rms_m``, ``peak_m``, ``final_m``  of the car's deviation; None if a log has none
+    ``settling_s``        from when on the judged point stays in its band; None if it ends outside
+    ``verdict``           on the run so far, of its ``judged_point``, by ``judged_peak_m``,
                           ``settled_peak_m`` (from ``settled_s`` on) and ``windows``
     ``corridor``          where the body was farthest beyond an edge (``path.corridor.Outside``);
                           None without a corridor, and before it
@@ -27,22 +28,23 @@ def motion_report(
     samples = figures.samples
     newest = list(figures.newest_m), list(figures.newest_wheel_rad)
     peaks_m = figures.peaks_m
-    end = driven_end(samples, figures.lateral_error_peak_m)
+    end = driven_end(samples, figures.preview_peak_m)
     judged = judge(rules, *newest, end, noise_m, peaks_m, period_s, samples)
-    is_cg_known = not math.isnan(figures.cg_deviation_rms_m)
+    is_cg_known = not math.isnan(figures.rms_m)
     return {
         "motion_s": motion_ns * 1e-9,
         "samples": samples,
-        "lateral_error_rms_m": figures.lateral_error_rms_m,
-        "lateral_error_peak_m": figures.lateral_error_peak_m,
-        "cg_deviation_rms_m": figures.cg_deviation_rms_m if is_cg_known else None,
-        "cg_deviation_peak_m": figures.cg_deviation_peak_m if is_cg_known else None,
-        "lateral_error_final_m": figures.lateral_error_final_m,
+        "rms_m": figures.rms_m if is_cg_known else None,
+        "settled_rms_m": None if math.isnan(figures.settled_rms_m) else figures.settled_rms_m,
+        "peak_m": figures.peak_m if is_cg_known else None,
+        "final_m": figures.final_m if is_cg_known else None,
+        "preview_rms_m": figures.preview_rms_m,
+        "preview_peak_m": figures.preview_peak_m,
         "wheel_angle_peak_rad": figures.wheel_angle_peak_rad,
         "settling_s": figures.settled_at * period_s if figures.settled_at < samples else None,
         **judged.report(),
-        "followed_point": rules.followed_point,
-        "followed_peak_m": peaks_m.followed_m,
+        "judged_point": rules.judged_point,
+        "judged_peak_m": peaks_m.whole_m,
         "settled_s": rules.settled_s,
         "settled_peak_m": None if math.isnan(peaks_m.settled_m) else peaks_m.settled_m,
         "corridor": figures.outside._asdict()

@@ -14,14 +14,17 @@ _INTERVENTIONS_SHOWN = 10
 
 def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Return the lines for the user; ``node`` is what the plant itself reports."""
-    for point, name in (("preview point", "lateral_error"), ("centre of gravity", "cg_deviation")):
+    for point, name in (("car", ""), ("preview point", "preview_")):
         yield (
             point,
-            f"off the path RMS {1e3 * node[f'{name}_rms_m']:.2f} mm, "
-            f"peak {1e3 * node[f'{name}_peak_m']:.2f} mm over {node['motion_s']:.2f} s"
+            f"off the path RMS {1e3 * node[f'{name}rms_m']:.2f} mm, "
+            f"peak {1e3 * node[f'{name}peak_m']:.2f} mm over {node['motion_s']:.2f} s"
             if node["samples"]
             else "unknown: the vehicle has not moved",
         )
+    if node["settled_rms_m"] is not None:
+        settled = f"RMS {1e3 * node['settled_rms_m']:.2f} mm from {node['settled_s']:g} s on"
+        yield "car, settled", f"off the path {settled}"
     for heading, line in (("commands", node["downlink"]), ("measurements", node["uplink"])):
         yield heading, f"latency {durations_line(line['latency'])}, {line['lost']} lost"
     safety = node["safety"]
@@ -99,7 +102,7 @@ def _drifts(node: Report) -> str:
 
 
 def _at_the_end(node: Report) -> str:
-    windows, peak_m = node["windows"], node["followed_peak_m"]
+    windows, peak_m = node["windows"], node["judged_peak_m"]
     return (
         f"{_point(node)} at most {_millimetres(windows['end_peak_m'])} off in the last "
         f"{windows['window_s']:.3g} s, {_millimetres(peak_m)} in the whole run"
@@ -112,7 +115,7 @@ def _off(node: Report) -> str:
 
 
 def _point(node: Report) -> str:
-    return _POINTS[node["followed_point"]]
+    return _POINTS[node["judged_point"]]
 
 
 def _left(node: Report) -> str:
@@ -135,7 +138,7 @@ def _within(node: Report) -> str:
 
 _POINTS = {
     "preview": "preview point",
-    "centre_of_gravity": "centre of gravity",
+    "centre_of_gravity": "car",
     "rear_axle": "rear axle",
 }
 _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
@@ -152,9 +155,7 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
         Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow{_wheel(node)}",
         Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last{_wheel(node)}",
         Verdict.DRIFTS: _drifts,
-        Verdict.LEFT_ROAD: lambda node: (
-            f"the error reached {_millimetres(node['followed_peak_m'])}"
-        ),
+        Verdict.LEFT_ROAD: lambda node: f"the error reached {_millimetres(node['judged_peak_m'])}",
         Verdict.DECAYS: lambda node: f"{_off(node)}; less than before, too late",
         Verdict.OFF_PATH: _off,
         Verdict.LEFT_PATH: _left,

@@ -60,12 +60,13 @@ limit.
 class RunningFigures:
     """Figures of a run, taken up sample by sample.
 
-    ``band_m``        in which the error settles
+    ``band_m``        in which the judged point settles
     ``newest``        how many of the newest errors and wheel angles are kept
-    ``settled_after`` number of samples after which the followed point is to have settled
+    ``settled_after`` number of samples after which the judged point is to have settled
 
-    ``newest_m``    of the followed point's error, as ``peaks_m``
-    ``settled_at``  number of the sample from which the error has stayed in its band
+    ``peak_m``, ``final_m``  of the centre of gravity's deviation from the path, as ``*rms_m``
+    ``newest_m``    of the judged point's error, as ``peaks_m``
+    ``settled_at``  number of the sample from which the judged point has stayed in its band
     ``outside``     where the body was farthest beyond an edge of its corridor; None without one
     ``limited``     samples at which a limit decided about the wheel, by its name
     """
@@ -76,68 +77,77 @@ class RunningFigures:
         self.settled_after = settled_after
         self.outside: Outside | None = None
         self.samples = 0
-        self.lateral_error_peak_m = 0.0
-        self.lateral_error_final_m = 0.0
-        self.cg_deviation_peak_m = 0.0
+        self.preview_peak_m = 0.0
+        self.final_m = 0.0
+        self.peak_m = 0.0
         self.wheel_angle_peak_rad = 0.0
         self.settled_at = 0
         self.limited: Counter[str] = Counter()
         self.newest_m: deque[float] = deque(maxlen=newest)
         self.newest_wheel_rad: deque[float] = deque(maxlen=newest)
-        self._followed_peak_m = 0.0
+        self._judged_peak_m = 0.0
         self._settled_peak_m = 0.0
         self._error_squares_m2 = 0.0
         self._deviation_squares_m2 = 0.0
+        self._settled_squares_m2 = 0.0
         self._band_m = band_m
 
     def add(self, samples: Sequence[tuple[float, float, float, float, str]]) -> None:
-        """Add samples: lateral error, deviation of the centre of gravity, followed point's error.
+        """Add samples: lateral error, deviation of the centre of gravity, judged point's error.
 
         The fourth value is the wheel angle. The last names what decides about the wheel, and is
         empty if nothing does.
         """
         if not samples:
             return
-        errors_m, cgs_m, followed_m, wheels_rad, limits = zip(*samples, strict=True)
+        errors_m, cgs_m, judged_m, wheels_rad, limits = zip(*samples, strict=True)
         for error_m, cg_m in zip(errors_m, cgs_m, strict=True):
             self._error_squares_m2 += error_m * error_m
             self._deviation_squares_m2 += cg_m * cg_m
-        self.newest_m.extend(followed_m)
+        self.newest_m.extend(judged_m)
         self.newest_wheel_rad.extend(wheels_rad)
         self.limited.update(filter(None, limits))
-        off_m = [abs(each_m) for each_m in followed_m]
+        off_m = [abs(each_m) for each_m in judged_m]
         before, self.samples = self.samples, self.samples + len(samples)
         if self.samples > self.settled_after:
-            settled_m = off_m[max(int(self.settled_after) - before, 0) :]
-            self._settled_peak_m = max(self._settled_peak_m, *settled_m)
-        for count, distance_m in enumerate(map(abs, errors_m), before + 1):
+            first = max(int(self.settled_after) - before, 0)
+            self._settled_peak_m = max(self._settled_peak_m, *off_m[first:])
+            for cg_m in cgs_m[first:]:
+                self._settled_squares_m2 += cg_m * cg_m
+        for count, distance_m in enumerate(off_m, before + 1):
             if distance_m > self._band_m:
                 self.settled_at = count
-        self._followed_peak_m = max(self._followed_peak_m, *off_m)
-        self.lateral_error_peak_m = max(self.lateral_error_peak_m, *map(abs, errors_m))
-        self.cg_deviation_peak_m = max(self.cg_deviation_peak_m, *map(abs, cgs_m))
+        self._judged_peak_m = max(self._judged_peak_m, *off_m)
+        self.preview_peak_m = max(self.preview_peak_m, *map(abs, errors_m))
+        self.peak_m = max(self.peak_m, *map(abs, cgs_m))
         self.wheel_angle_peak_rad = max(self.wheel_angle_peak_rad, *map(abs, wheels_rad))
-        self.lateral_error_final_m = errors_m[-1]
+        self.final_m = cgs_m[-1]
 
     @property
     def peaks_m(self) -> Peaks:
-        """Largest errors of the followed point."""
+        """Largest errors of the judged point."""
         has_settled = self.samples > self.settled_after
         return Peaks(
-            self._followed_peak_m,
+            self._judged_peak_m,
             self._settled_peak_m if has_settled else math.nan,
             math.nan if self.outside is None else self.outside.outside_m,
         )
 
     @property
-    def lateral_error_rms_m(self) -> float:
+    def preview_rms_m(self) -> float:
         """Root mean square of the preview point's lateral error; 0 without samples."""
         return self._rms_m(self._error_squares_m2)
 
     @property
-    def cg_deviation_rms_m(self) -> float:
+    def rms_m(self) -> float:
         """Root mean square of the deviation of the centre of gravity; 0 without samples."""
         return self._rms_m(self._deviation_squares_m2)
+
+    @property
+    def settled_rms_m(self) -> float:
+        """The same without the samples before it is to have settled; NaN for a shorter run."""
+        counted = self.samples - self.settled_after
+        return math.sqrt(self._settled_squares_m2 / counted) if counted > 0.0 else math.nan
 
     def _rms_m(self, squares_m2: float) -> float:
         return math.sqrt(squares_m2 / self.samples) if self.samples else 0.0
@@ -173,7 +183,7 @@ class RunRecord:
         self._samples: list[PlantSample] = []
         self._samples_max = samples_max
         self._motion = motion
-        self._behind_m = behind_preview_m(rules.followed_point, vehicle)
+        self._behind_m = behind_preview_m(rules.judged_point, vehicle)
         self._waiting: list[_Taken] = []
         """Samples that are neither in the figures nor in ``samples`` yet."""
 
@@ -211,17 +221,17 @@ class RunRecord:
         for time_ns, linear, at_m, command, (downlink_s, uplink_s), limit in self._waiting:
             side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = linear
             cg_m = cg_deviation_m(path, at_m, heading_rad, error_m, preview_m)
-            if behind_m == 0.0:
-                followed_m = error_m
-            elif behind_m == preview_m:
-                followed_m = cg_m
+            if behind_m == preview_m:
+                judged_m = cg_m
+            elif behind_m == 0.0:
+                judged_m = error_m
             else:
-                followed_m = cg_deviation_m(path, at_m, heading_rad, error_m, behind_m)
+                judged_m = cg_deviation_m(path, at_m, heading_rad, error_m, behind_m)
             if self._corridor is not None:
                 where = at_m, heading_rad, error_m, preview_m
                 outside = outside_at(self._corridor, path, *where)
                 self._figures.outside = max(self._figures.outside or BETWEEN, outside)
-            figures.append((error_m, cg_m, followed_m, wheel_rad, limit))
+            figures.append((error_m, cg_m, judged_m, wheel_rad, limit))
             if len(figures) > room:
                 continue
             sample = (

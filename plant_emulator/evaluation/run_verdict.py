@@ -42,9 +42,9 @@ follow, stays within 5 mm.
 Sensor noise makes every loop swing, and a resonant one with a rhythm. So an oscillation, of error
 or wheel, has an amplitude of at least NOISE_GAIN times the noise.
 
-The lateral error here is the true one, of ``followed_point``, without noise and resolution of its
-measurement. A loop that is unstable in the linear sense reaches the limits of its commands sooner
-or later and then stays in a limit cycle: both verdicts mean that it does not hold.
+The lateral error here is the true deviation of ``judged_point`` from the path, without noise and
+resolution of a measurement. A loop that is unstable in the linear sense reaches the limits of its
+commands sooner or later and then stays in a limit cycle: both verdicts mean that it does not hold.
 """
 
 import math
@@ -60,7 +60,7 @@ from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import Settings
 from .amplitude_and_rhythm import fast_half
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
-from .judged_point import FollowedPoint
+from .judged_point import JudgedPoint
 
 NOISE_GAIN = 6.0
 """Amplitude that white noise may cause over its standard deviation, of the error [m/m] and of the
@@ -127,8 +127,7 @@ def driven_end(samples: int, peak_m: float) -> RunEnd:
 class VerdictRules(Settings):
     """``[verdict]``: the point that is judged, and thresholds, with their defaults."""
 
-    followed_point: FollowedPoint = "preview"
-    """Where a controller's settings are known, it is that of the controller unless given here."""
+    judged_point: JudgedPoint = "centre_of_gravity"
     settled_s: float = Field(5.0, ge=0.0, le=10_000.0)
     """By then a run that begins in a bend has settled."""
     window_s: float = Field(15.0, gt=0.0, le=10_000.0)
@@ -152,13 +151,13 @@ class VerdictRules(Settings):
 
 
 class Peaks(NamedTuple):
-    """Largest magnitudes of the followed point's error [m].
+    """Largest magnitudes of the judged point's error [m].
 
     ``settled_m``  from ``settled_s`` on; NaN for a shorter run
     ``outside_m``  of the body, beyond an edge of its corridor; NaN where the path has none
     """
 
-    followed_m: float
+    whole_m: float
     settled_m: float
     outside_m: float = math.nan
 
@@ -268,7 +267,7 @@ def judge(
 ) -> JudgedRun:
     """Return the verdict on one run.
 
-    ``error_m``    of the followed point, its last samples: all, or as many as ``samples_judged``
+    ``error_m``    of the judged point, its last samples: all, or as many as ``samples_judged``
     ``wheel_rad``  as many
     ``end``        how it ended, if it was long enough
     ``noise_m``    standard deviation of the sensor's noise on the lateral error

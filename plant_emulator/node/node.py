@@ -277,7 +277,7 @@ class PlantNode:
             each.latest_latency_ns * 1e-6 for each in (network.downlink, network.uplink)
         )
         now = (
-            f"{unit.mode.name}  error {1e3 * self._record.figures.lateral_error_final_m:+.1f} mm"
+            f"{unit.mode.name}  car {1e3 * self._record.figures.final_m:+.1f} mm"
             f"  steer {unit.target_rad:+.3f}  {down_ms:.0f}+{up_ms:.0f} ms"
             f"  rejected {reception.refused}  lost {network.lost}"
         )

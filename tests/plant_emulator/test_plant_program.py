@@ -148,7 +148,7 @@ def test_a_run_ends_by_itself_with_report_and_trace(tmp_path: Path) -> None:
         out, err = program.communicate(timeout=PATIENCE_S)
         assert (program.returncode, err) == (ExitStatus.OK, NOTICE)
     assert "ended by finished" in out
-    assert "centre of gravity off the path RMS" in out
+    assert "car off the path RMS" in out
 
     report = checked_report(report_file)
     assert report["ended_by"] == "finished"

@@ -69,6 +69,8 @@ def verdict_of(figures: Mapping[str, Any]) -> str:
     """Return the verdict on a log in words, or why there is none."""
     obstacle, held_path = figures["not_judged"], figures["held_path"]
     verdict = f"none: {obstacle}" if obstacle else verdict_text(held_path)
+    if not obstacle and held_path["rms_m"] is None:
+        verdict += "; of the preview point, since the log does not tell where the car is"
     cut_off = f"; the log is cut off: {figures['cut_off']}" if figures["cut_off"] else ""
     return verdict + cut_off
 

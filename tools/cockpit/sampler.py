@@ -1,7 +1,7 @@
 """From the frames of one lane to rows of signals, lights and a list of frames.
 
 Frames come live or from a recording, and so both show the same figures. The running figures are
-those of every LATERAL_ERROR that was accepted.
+those of the car at every LATERAL_ERROR that was accepted.
 
 The vehicle is drawn at the point of the path nearest to its preview point. Where the path is known,
 the arc length gives that point: V times the time since the motion started. The path of a foreign
@@ -101,18 +101,20 @@ class Newest(NamedTuple, Generic[M]):
 
 
 class Score:
-    """Figures of all lateral errors so far; ``peak_m`` is the largest, 0 before the first."""
+    """Figures of the car's deviations so far; ``peak_m`` is the largest, 0 before the first."""
 
     def __init__(self) -> None:
         self._samples = self._in_lane = 0
         self._squares_m2 = self.peak_m = 0.0
 
-    def add(self, error_m: float, cg_deviation_m: float) -> None:
-        """Take an error of the preview point; a deviation of NaN is in the lane."""
+    def add(self, cg_deviation_m: float) -> None:
+        """Take a deviation of the centre of gravity from the path; NaN counts for nothing."""
+        if math.isnan(cg_deviation_m):
+            return
         self._samples += 1
-        self._in_lane += not abs(cg_deviation_m) > IN_LANE_M
-        self._squares_m2 += error_m * error_m
-        self.peak_m = max(self.peak_m, abs(error_m))
+        self._in_lane += abs(cg_deviation_m) <= IN_LANE_M
+        self._squares_m2 += cg_deviation_m * cg_deviation_m
+        self.peak_m = max(self.peak_m, abs(cg_deviation_m))
 
     def figures(self) -> Mapping[str, float]:
         """Return RMS [m] and share of the time in the lane; empty before the first."""
@@ -189,7 +191,7 @@ class Sampler:
             self._note_skips(message, now_ns)
         self._newest[type(message)] = Newest(now_ns, message)
         if isinstance(message, messages.LateralError):
-            self._score.add(message.lateral_error_m, self._watch.cg_deviation_m)
+            self._score.add(self._watch.cg_deviation_m)
         elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
             if len(self._sent) >= _IN_FLIGHT_MAX:
                 del self._sent[next(iter(self._sent))]  # the oldest

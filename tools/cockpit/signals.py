@@ -62,23 +62,23 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("path_heading_rad", "path heading", "rad", 1.0, 3),
     Signal("ghost_m", "ghost", "m", 1.0, 2),
     Signal("ghost_heading_rad", "ghost heading", "rad", 1.0, 3),
-    Signal("rms_m", "RMS error", "mm", 1e3, 2),
-    Signal("peak_m", "peak error", "mm", 1e3, 2),
+    Signal("rms_m", "RMS of the car", "mm", 1e3, 2),
+    Signal("peak_m", "peak of the car", "mm", 1e3, 2),
 )
 NAMES = tuple(signal.name for signal in SIGNALS)
 
 CHARTS: tuple[Chart, ...] = (
-    Chart("Off the path", ("lateral_error_m", "cg_deviation_m"), "lateral_error_m"),
+    Chart("Off the path", ("lateral_error_m", "cg_deviation_m"), "cg_deviation_m"),
     Chart("Steer", ("wheel_angle_rad", "steer_in_effect_rad", "steer_rad"), "wheel_angle_rad"),
     Chart("Latency", ("downlink_s", "uplink_s"), "downlink_s"),
     Chart("Round trip", ("round_trip_s",), "round_trip_s"),
 )
 
 FIGURES: tuple[Figure, ...] = (
-    Figure("RMS", "rms_m", "root mean square error of the preview point since the start"),
-    Figure("Peak", "peak_m", "largest error of the preview point since the start"),
-    Figure("Error", "lateral_error_m", "lateral error of the preview point now, left positive"),
-    Figure("CG", "cg_deviation_m", "deviation of the centre of gravity now, left positive"),
+    Figure("RMS", "rms_m", "root mean square of the car's deviation from the path since the start"),
+    Figure("Peak", "peak_m", "largest deviation of the car from the path since the start"),
+    Figure("Car", "cg_deviation_m", "deviation of the centre of gravity now, left positive"),
+    Figure("Preview", "lateral_error_m", "error of the preview point now, left positive"),
     Figure("Round trip", "round_trip_s", "from a command to the first measurement that shows it"),
     Figure("Speed", "speed_m_s", "forward speed"),
 )

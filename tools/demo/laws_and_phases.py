@@ -10,7 +10,6 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from ...closed_loop.pair.agreed_point import judged_like
 from ...closed_loop.pair.pair_result import PairResult, Trace, rms
 from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.evaluation.run_verdict import Peaks, RunEnd, Verdict, judge
@@ -29,14 +28,13 @@ class DemoLaw(NamedTuple):
     preset: str
 
     def controller(self) -> ControllerSettings:
-        """Return the settings of its controller, which puts the car itself on the path."""
-        return controller_preset(self.preset, (*UNSUPERVISED, "followed_point=centre_of_gravity"))
+        """Return the settings of its controller."""
+        return controller_preset(self.preset, UNSUPERVISED)
 
     def plant(self, overrides: Sequence[str]) -> PlantSettings:
         """Return what it drives: the demo's file, below ``overrides``; raises SettingsError."""
         file = read_preset("steer_by_wire.tools.demo", "demo_plant")
         settings = load_settings(PlantSettings, file, overrides=overrides)
-        settings = judged_like(settings, self.controller())
         return _stretched(settings, load_settings(PlantSettings, file).duration_s)
 
 

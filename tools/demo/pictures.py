@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...closed_loop.pair.pair_result import Trace
-from ...closed_loop.reports.plot_style import COLOURS, plot_style
+from ...closed_loop.reports.plot_style import law_styles, plot_style
 from ...runtime.array_types import FloatArray
-from .laws_and_phases import LawResult, Phase
+from .laws_and_phases import LAWS, LawResult, Phase
 
 RUNNING_S = 1.0
 """Over which the error's running RMS is taken."""
@@ -28,9 +28,10 @@ def draw_lateral_error(results: Sequence[LawResult], phases: Sequence[Phase]) ->
     """Running RMS of the car's deviation over time, and below the latency that all laws meet."""
     figure = Figure(figsize=(9.0, 6.5))
     error, latency = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
-    for colour, result in zip(COLOURS, results, strict=False):
+    names = {law.label: law.preset.removeprefix("practical_") for law in LAWS}
+    for look, result in zip(law_styles(names[one.label] for one in results), results, strict=True):
         for trace, style in (
-            (result.live.trace, {"color": colour, "lw": 2.0, "label": result.label}),
+            (result.live.trace, {"lw": 2.0, "label": result.label, **look}),
             (result.virtual.trace, {"color": "black", "lw": 0.8, "ls": ":"}),
         ):
             error.plot(trace.time_s, running_rms_mm(trace, trace.cg_deviation_m), **style)

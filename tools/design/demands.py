@@ -7,18 +7,21 @@ RMS is computed and of points on the frequency axis.
 The runs of a specification as the vehicle feels them: curvature over time at its speed.
 """
 
-from collections.abc import Iterable, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
+from ...controller.law_interface import VehicleReading
 from ...controller.laws.feed_forward import steer_per_curvature
 from ...controller.laws.law_from_settings import LawDesign, steady_steer
+from ...controller.laws.set_point import set_point_of, steady_set_point_m
 from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray
@@ -38,6 +41,8 @@ from .specification import Specification
 from .tracking import TrackingGrid, track, tracking_grid, unsteered_errors
 from .vehicle_file import VehicleFile
 
+_BEHIND = 8
+"""Parts of the way from car to preview point in which curvature is taken as constant."""
 _SAMPLES_PER_TICK = 4
 """Between two, curvature is taken as linear, which is exact except at the path's break points."""
 
@@ -48,17 +53,13 @@ def unsteered_runs(spec: Specification, vehicle: VehicleFile) -> FloatArray:
     Shape (2, paths, corners, ticks).
     """
     ticks = spec.ticks
-    speeds_m_s = [corner.speed_m_s for corner in vehicle.box.vertices()]
-    paths = [build_path(path) for path in spec.course.paths]
     interval_s = spec.period_ns / NS_PER_S / _SAMPLES_PER_TICK
 
-    @lru_cache
-    def unsteered(path_index: int, speed_m_s: float) -> FloatArray:
-        met = _curvature_met(paths[path_index], speed_m_s, interval_s, ticks)
+    def run(path: Path, speed_m_s: float) -> FloatArray:
+        met = _curvature_met(path, speed_m_s, interval_s, ticks)
         return unsteered_errors(met, interval_s, speed_m_s, _SAMPLES_PER_TICK)
 
-    runs = np.array([[unsteered(i, v) for v in speeds_m_s] for i in range(len(paths))])
-    return np.moveaxis(runs, 2, 0)
+    return np.moveaxis(_of_runs(spec, vehicle, run), 2, 0)
 
 
 def curve_steer_runs_rad(spec: Specification, vehicle: VehicleFile) -> FloatArray:
@@ -68,15 +69,83 @@ def curve_steer_runs_rad(spec: Specification, vehicle: VehicleFile) -> FloatArra
     """
     steady = steady_steer(VehicleModelSettings(**vehicle.vehicle.model_dump()))
     interval_s = spec.period_ns / NS_PER_S
-    return np.array(
-        [
-            [
-                steer_per_curvature(steady, corner.speed_m_s)
-                * _curvature_met(build_path(path), corner.speed_m_s, interval_s, spec.ticks, 1)
-                for corner in vehicle.box.vertices()
-            ]
-            for path in spec.course.paths
+
+    def run(path: Path, speed_m_s: float) -> FloatArray:
+        met = _curvature_met(path, speed_m_s, interval_s, spec.ticks, 1)
+        return steer_per_curvature(steady, speed_m_s) * met
+
+    return _of_runs(spec, vehicle, run)
+
+
+def set_point_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
+    """Return y* that puts the car on the path, at the ticks, shape (paths, corners, ticks)."""
+    nominal = VehicleModelSettings(**vehicle.vehicle.model_dump())
+    set_point = set_point_of("centre_of_gravity", nominal)
+    interval_s = spec.period_ns / NS_PER_S
+
+    def run(path: Path, speed_m_s: float) -> FloatArray:
+        part = min(speed_m_s * interval_s / set_point.distance_m, 1.0)
+        met = _curvature_met(path, speed_m_s, interval_s, spec.ticks, 1)
+        steady_m = [
+            steady_set_point_m(set_point, VehicleReading(speed_m_s, 0.0, rho)) for rho in met
         ]
+        return np.asarray(lfilter([part], [1.0, part - 1.0], steady_m))
+
+    return _of_runs(spec, vehicle, run)
+
+
+def bend_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
+    """Return g, how far the path bends away between preview point and car; shape as above."""
+    preview_m, interval_s = vehicle.vehicle.preview_distance_m, spec.period_ns / NS_PER_S
+    behind_m = preview_m * (np.arange(_BEHIND) + 0.5) / _BEHIND
+    weights_m2 = (preview_m - behind_m) * preview_m / _BEHIND
+
+    def run(path: Path, speed_m_s: float) -> FloatArray:
+        at_m = speed_m_s * interval_s * np.arange(spec.ticks)
+        bends = (
+            weight * np.array([curvature(path, each) for each in (at_m - way).tolist()])
+            for weight, way in zip(weights_m2, behind_m, strict=True)
+        )
+        return np.asarray(sum(bends))
+
+    return _of_runs(spec, vehicle, run)
+
+
+def _of_runs(
+    spec: Specification, vehicle: VehicleFile, run: Callable[[Path, float], FloatArray]
+) -> FloatArray:
+    """Return a run for each path and corner, the same for corners of the same speed."""
+    speeds_m_s = [corner.speed_m_s for corner in vehicle.box.vertices()]
+    runs = [lru_cache(partial(run, build_path(path))) for path in spec.course.paths]
+    return np.array([[of_path(speed_m_s) for speed_m_s in speeds_m_s] for of_path in runs])
+
+
+def course_grid(
+    spec: Specification,
+    vehicle: VehicleFile,
+    delays_ns: Sequence[int],
+    *,
+    takes_map: bool = False,
+) -> TrackingGrid:
+    """Return the runs of a specification, judged by the car.
+
+    ``takes_map``  whether the law's steer is added to that for the map's curvature
+    """
+    unsteered = unsteered_runs(spec, vehicle)
+    offset_m = -vehicle.vehicle.preview_distance_m * unsteered[1] - bend_runs_m(spec, vehicle)
+    if spec.follows_car:
+        set_point_m = set_point_runs_m(spec, vehicle)
+        unsteered[0] -= set_point_m
+        offset_m += set_point_m
+    return tracking_grid(
+        vehicle.models,
+        unsteered,
+        delays_ns,
+        spec.period_ns,
+        max(1, round(spec.ignore_s * NS_PER_S / spec.period_ns)),
+        curve_steer_runs_rad(spec, vehicle) if takes_map else None,
+        offset_m,
+        vehicle.vehicle.preview_distance_m,
     )
 
 
@@ -154,13 +223,11 @@ def make_study(
     fine: bool,
     without: frozenset[str] = frozenset(),
     takes_map: bool = False,
-    first_tick: int = 1,
 ) -> Study:
     """Return a study.
 
-    ``without``     names of demands to leave out
-    ``takes_map``   whether the law's steer is added to that for the map's curvature
-    ``first_tick``  the first one whose error counts
+    ``without``    names of demands to leave out
+    ``takes_map``  as in ``course_grid``
     """
     models = vehicle.models
     period_ns, points = spec.period_ns, _FINE_POINTS if fine else _COARSE_POINTS
@@ -181,14 +248,7 @@ def make_study(
         spec,
         vehicle,
         models,
-        tracking_grid(
-            models,
-            unsteered_runs(spec, vehicle),
-            delays_ns,
-            period_ns,
-            first_tick,
-            curve_steer_runs_rad(spec, vehicle) if takes_map else None,
-        ),
+        course_grid(spec, vehicle, delays_ns, takes_map=takes_map),
         frequency_grid(models, spec.delays_ns, period_ns, points),
         {name: grid for name, grid in stability.items() if name not in without},
         without,

@@ -8,12 +8,12 @@ from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .demands import Demand, Judgement, Study, make_study, unsteered_runs
+from .demands import Demand, Judgement, Study, course_grid, make_study
 from .search.evolution import Progress
-from .search.law_parameters import SETTINGS_KEYS, controller_settings
+from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
 from .search.parameter_search import Found, find
 from .specification import Specification
-from .tracking import rms_m, tracking_grid
+from .tracking import rms_m
 from .vehicle_file import VehicleFile
 from .virtual_check import drive, jittered, plants
 
@@ -47,7 +47,7 @@ class NoDesignError(Exception):
 
 
 class RmsByDelay(NamedTuple):
-    """RMS of the lateral error of the worst path; ``rms_m`` of shape (corners, delays)."""
+    """RMS of the car's deviation on the worst path; ``rms_m`` of shape (corners, delays)."""
 
     delays_ns: tuple[int, ...]
     rms_m: FloatArray
@@ -58,11 +58,13 @@ class Design(NamedTuple):
 
     ``rms``               over all delays at which every corner is stable
     ``rms_held_up_to_ns``  up to which delay the RMS keeps its limit; None where it has none
+    ``settings``          without the set point that puts the car on the path; ``preset`` has it
     ``jitter_rms_m``      worst corner and path of each jitter of the specification, virtual time
     """
 
     law: str
     settings: ControllerSettings
+    preset: ControllerSettings
     found: Found
     rms: RmsByDelay
     rms_held_up_to_ns: int | None
@@ -84,11 +86,13 @@ def describe(study: Study, found: Found) -> Design:
     settings = controller_settings(spec, vehicle, law, found.values)
     by_delay = rms_by_delay(study, settings, found)
     asked = plants(spec, vehicle, map(jittered, spec.jitter))
-    jitter_m = np.array([drive(plant, settings).rms_m for plant in asked])
+    preset = with_set_point(spec, settings)
+    jitter_m = np.array([drive(spec, plant, preset).rms_m for plant in asked])
     worst_m = jitter_m.reshape(-1, max(1, len(spec.jitter))).max(axis=0, initial=0.0)
     return Design(
         law,
         settings,
+        preset,
         found,
         by_delay,
         _held_up_to_ns(by_delay, spec.rms_m_max_of(law)),
@@ -103,9 +107,7 @@ def rms_by_delay(study: Study, settings: ControllerSettings, found: Found) -> Rm
     if found.confirmation is not None:
         last_ns = max(last_ns, found.confirmation.stable_up_to_ns)
     delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
-    grid = tracking_grid(
-        study.models, unsteered_runs(spec, study.vehicle), delays_ns, spec.period_ns
-    )
+    grid = course_grid(spec, study.vehicle, delays_ns)
     return RmsByDelay(delays_ns, rms_m(grid, design_law(settings)).max(axis=0))
 
 

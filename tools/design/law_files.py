@@ -23,7 +23,7 @@ from .report import (
     unmet_text,
     written_lines,
 )
-from .search.law_parameters import SETTINGS_KEYS, controller_settings
+from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
 from .searches import report_from
 from .specification import Specification
 from .vehicle_file import VehicleFile
@@ -79,6 +79,7 @@ def _linear_law(job: Job, files: LawFiles) -> Outcome:
     except NoDesignError as error:
         demands = error.found.judgement.demands
         settings = controller_settings(spec, vehicle, law, error.found.values)
+        settings = with_set_point(spec, settings)
         write_text(files.unmet, unmet_text(law, settings, demands, job.sources))
         return Outcome(tuple(unmet_lines(demands, files)), demands, str(error))
     files.write_preset(preset_text(spec, vehicle, designed, job.sources))

@@ -36,14 +36,11 @@ from ...controller.analysis.linear_system import (
     law_system,
     without_idle_states,
 )
+from ...controller.analysis.loop_signals import HEADING_NOISE_1_M
 from ...controller.filters.transfer_function import Factor, TransferFunction
 from ...controller.laws.law_from_settings import LawDesign
 from ...runtime.array_types import ComplexArray, FloatArray, IntArray
 from ...runtime.node import NS_PER_S
-
-HEADING_NOISE_1_M = 0.1
-"""Noise of the heading error over that of the lateral error: 2 mrad to 20 mm, as the predictor
-is designed for."""
 
 
 class TriangularLaw(NamedTuple):

@@ -1,10 +1,10 @@
 """Designs the predictor: the noise that its filter assumes, and the weight in its feedback's cost.
 
 The gains of filter and feedback follow from these for every speed. Minimised is the RMS of the
-lateral error once it has settled, the worst of every path, vehicle and delay. Limited are the
-peak sensitivity, how much of the sensors' noise reaches the steer, and the largest error under each
-of the specification's conditions. All this is judged in compiled runs, with limits, quantisation
-and counters. The evolution strategy is the same as for the other laws.
+car's deviation once it has settled, the worst of every path, vehicle and delay. Limited are the
+peak sensitivity, how much of the noise of all sensors reaches the steer, and the largest deviation
+under each of the specification's conditions. The runs are compiled, with limits, quantisation and
+counters. The evolution strategy is the same as for the other laws.
 """
 
 import math
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from ...closed_loop.compiled.engine import Outcome, run_compiled
+from ...closed_loop.compiled.engine import Outcome, rms_of, run_compiled
 from ...closed_loop.compiled.schedule import RunSchedule, schedule_run
 from ...controller.analysis.loop_signals import LoopModel
 from ...controller.analysis.periodic_loop import PeriodicLoop, Responses, linear
@@ -30,7 +30,6 @@ from ...controller.prediction.gains_over_speed import EstimatorSettings
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import LatencySettings
-from ...plant_emulator.sensors.settings import SensorNoiseSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.settings import ActuatorSettings
 from ...runtime.array_types import FloatArray
@@ -46,7 +45,6 @@ LEFT_M = 1e3
 """Error of a run that leaves the range of the sensor [m]."""
 RMS_M_MAX = 1.0
 """Largest RMS of a predictor that keeps to the path, at any delay of the range [m]."""
-_QUIET = SensorNoiseSettings()
 _THREADS = 2
 _START = {
     "steer_per_error_rad_m": 1.0,
@@ -77,19 +75,17 @@ class Task(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Lateral error of a run: RMS, RMS without the first seconds, largest; and its commands."""
+    """The car's deviation in a run: RMS, RMS without the first seconds, and largest."""
 
     rms_m: float
     settled_rms_m: float
     largest_m: float
-    sent_rad: FloatArray
 
 
 def runs(
     task: Task,
     settings: ControllerSettings,
     latencies: Sequence[LatencySettings],
-    noise: SensorNoiseSettings = _QUIET,
     lag_s: float = 0.0,
     seed: int = 1,
 ) -> list[list[Run]]:
@@ -100,13 +96,13 @@ def runs(
         plants = [
             plant_settings(
                 settings.period_ns, vehicle, path, course.duration_s, latency,
-                seed=seed, sensor_noise=noise, actuator=ActuatorSettings(lag_s=lag_s),
+                seed=seed, actuator=ActuatorSettings(lag_s=lag_s),
             )
             for path, vehicle in product(course.paths, task.vehicles)
         ]  # fmt: skip
         plan = schedule_run(plants[0], settings)
         return list(
-            task.pool.map(lambda plant: _run(plant, settings, plan, task.table.ignore_s), plants)
+            task.pool.map(lambda plant: _run(plant, settings, plan, task.spec.ignore_s), plants)
         )
 
     return [of_latency(latency) for latency in latencies]
@@ -117,18 +113,14 @@ def _run(
 ) -> Run:
     run = run_compiled(plant, settings, plan)
     if run.outcome is not Outcome.COMPLETE:
-        return Run(LEFT_M, LEFT_M, LEFT_M, run.sent_rad)
-    squares = np.square(run.lateral_error_m)
-    return Run(
-        float(np.sqrt(squares.mean())),
-        float(np.sqrt(squares[run.time_s >= ignore_s].mean())),
-        float(np.sqrt(squares.max())),
-        run.sent_rad,
-    )
+        return Run(LEFT_M, LEFT_M, LEFT_M)
+    off_m = run.cg_deviation_m
+    settled_m = off_m[run.time_s >= ignore_s]
+    return Run(rms_of(off_m), rms_of(settled_m), float(np.max(np.abs(off_m))))
 
 
 def largest_error_m(task: Task, settings: ControllerSettings, met: ConditionsTable) -> float:
-    """Return the largest lateral error of any run with these conditions."""
+    """Return the car's largest deviation in any run with these conditions."""
     random = met.spread_ms > 0.0
     latency = LatencySettings(
         model=Distribution.GAMMA if random else Distribution.CONSTANT,
@@ -146,34 +138,30 @@ def largest_error_m(task: Task, settings: ControllerSettings, met: ConditionsTab
     return max(run.largest_m for of_seed in done for run in of_seed)
 
 
-def steer_noise_rad(task: Task, settings: ControllerSettings, without: Sequence[Run]) -> float:
-    """Return the standard deviation of the steer with noise less that without, the worst run's.
+class LinearFigures(NamedTuple):
+    """The worst of all vehicles and delays; infinite where one is not stable."""
 
-    ``without``  the runs without noise, at the longest delay
-    """
-    spec, table = task.spec, task.table
-    noise = SensorNoiseSettings(lateral_error_m=table.lateral_error_noise_m)
-    with_noise = runs(task, settings, [constant(table.delays_ns[-1])], noise)[0]
-    first = round(table.ignore_s * 1e3 * NS_PER_MS / spec.period_ns)
-    return max(
-        float(np.std(noisy.sent_rad[first:] - clean.sent_rad[first:]))
-        if len(noisy.sent_rad) == len(clean.sent_rad)
-        else math.inf
-        for noisy, clean in zip(with_noise, without, strict=True)
-    )
+    peak_sensitivity: float
+    noise_gain_rad_m: float
 
 
-def peak_sensitivity(task: Task, settings: ControllerSettings, delays_ns: Sequence[int]) -> float:
-    """Return the largest peak sensitivity over all vehicles; infinite where one is not stable."""
+def linear_figures(
+    task: Task, settings: ControllerSettings, delays_ns: Sequence[int]
+) -> LinearFigures:
+    """Return the figures of the loop; it has to be stable beyond the range by the margin too."""
     design, loop_delay = design_law(linear(settings)), settings.loop_delay
     responses: Responses = {}  # the law's own, at each speed
     loops = [
         PeriodicLoop(design, loop_delay, LoopModel(vehicle), responses=responses)
         for vehicle in task.vehicles
     ]
-    return max(
-        loop.peak_sensitivity(delay_ns) if loop.is_stable(delay_ns) else math.inf
-        for loop, delay_ns in product(loops, delays_ns)
+    beyond_ns = task.table.delays_ns[-1] + round(task.table.margin_ms * NS_PER_MS)
+    if not all(loop.is_stable(each) for loop in loops for each in (*delays_ns, beyond_ns)):
+        return LinearFigures(math.inf, math.inf)
+    places = list(product(loops, delays_ns))
+    return LinearFigures(
+        max(loop.peak_sensitivity(delay_ns) for loop, delay_ns in places),
+        max(loop.noise_gain_rad_m(delay_ns) for loop, delay_ns in places),
     )
 
 
@@ -182,8 +170,7 @@ class PredictorDesign(NamedTuple):
 
     ``rms_m``            worst path and vehicle at each of ``delays_ns``, from the start
     ``settled_rms_m``    the same without the first seconds
-    ``steer_noise_rad``  standard deviation of what the noise adds to the steer
-    ``peak_sensitivity``  worst vehicle and delay
+    ``linear``           worst vehicle and delay
     ``jitter_rms_m``     worst path and vehicle of each jitter of the specification, settled
     ``conditions_m``     largest error under each of the specification's conditions
     ``fallback_up_to_ns``  constant delay up to which every corner is stable with the pd_ddob that
@@ -192,13 +179,14 @@ class PredictorDesign(NamedTuple):
     """
 
     settings: ControllerSettings
+    values: Values
     judged: int
     vehicles: int
     delays_ns: tuple[int, ...]
     rms_m: FloatArray
     settled_rms_m: FloatArray
-    steer_noise_rad: float
     peak_sensitivity: float
+    noise_gain_rad_m: float
     jitter_rms_m: tuple[float, ...]
     conditions_m: tuple[float, ...]
     fallback_up_to_ns: int
@@ -214,8 +202,8 @@ def predictor_demands(
     """
     return (
         Demand("RMS error", float(design.rms_m.max()), RMS_M_MAX),
-        Demand("steer noise", design.steer_noise_rad, table.steer_noise_rad_max),
         Demand("peak sensitivity", design.peak_sensitivity, spec.peak_sensitivity_max),
+        Demand("noise gain", design.noise_gain_rad_m, spec.noise_gain_rad_m_max),
         *(
             Demand(f"condition {number}", largest_m, met.error_m_max)
             for number, (met, largest_m) in enumerate(
@@ -257,7 +245,7 @@ def design_predictor(
             ended = False
         (best,) = search.best(1)
         design = describe_predictor(task, _settings(table, vehicle, fallback, best))
-        return design._replace(judged=search.judged, ended=ended)
+        return design._replace(judged=search.judged, ended=ended, values=best)
 
 
 def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDesign:
@@ -267,13 +255,13 @@ def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDes
     jitters = runs(task, settings, [jittered(one) for one in spec.jitter])
     return PredictorDesign(
         settings,
+        {},
         0,
         len(task.vehicles),
         delays_ns,
         np.array([max(run.rms_m for run in column) for column in columns]),
         np.array([max(run.settled_rms_m for run in column) for column in columns]),
-        steer_noise_rad(task, settings, columns[-1]),
-        peak_sensitivity(task, settings, delays_ns),
+        *linear_figures(task, settings, delays_ns),
         tuple(max(run.settled_rms_m for run in column) for column in jitters),
         tuple(largest_error_m(task, settings, met) for met in task.table.conditions),
         _fallback_up_to_ns(task.vehicle, settings),
@@ -282,7 +270,8 @@ def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDes
 
 def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> int:
     """Return up to which constant delay the pd_ddob is stable at every corner."""
-    design = design_law(settings.model_copy(update={"law": FALLBACK}))
+    alone = {"law": FALLBACK, "followed_point": "preview"}
+    design = design_law(settings.model_copy(update=alone))
     loops = (SampledLoop(design, model, settings.period_ns) for model in vehicle.models)
     margins = (delay_margin_ns(stable_delays(loop)) for loop in loops)
     return min(DELAY_NS_MAX if margin is None else margin for margin in margins)
@@ -293,18 +282,18 @@ def _cost(task: Task, settings: ControllerSettings) -> float:
     last_ns = task.table.delays_ns[-1]
     columns = runs(task, settings, [constant(delay) for delay in (0, last_ns // 2, last_ns)])
     worst_m = max(run.settled_rms_m for column in columns for run in column)
-    exceeded = (share for share in _shares(task, settings, columns[-1]) if share > 1.0)
+    exceeded = (share for share in _shares(task, settings) if share > 1.0)
     return max(worst_m, LEFT_M * next(exceeded, 0.0))
 
 
-def _shares(task: Task, settings: ControllerSettings, without: Sequence[Run]) -> Iterator[float]:
+def _shares(task: Task, settings: ControllerSettings) -> Iterator[float]:
     """Yield how much of each limit is used."""
     spec, table = task.spec, task.table
+    linear = linear_figures(task, settings, (0, table.delays_ns[-1]))
+    yield linear.noise_gain_rad_m / spec.noise_gain_rad_m_max
+    yield linear.peak_sensitivity / spec.peak_sensitivity_max
     for met in table.conditions:
         yield largest_error_m(task, settings, met) / met.error_m_max
-    yield steer_noise_rad(task, settings, without) / table.steer_noise_rad_max
-    # It grows with the delay.
-    yield peak_sensitivity(task, settings, table.delays_ns[-1:]) / spec.peak_sensitivity_max
 
 
 def _settings(

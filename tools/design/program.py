@@ -90,7 +90,7 @@ def run_design(options: argparse.Namespace) -> int:
                 print(line)
                 status = status if held else NO_DESIGN
             if law == FALLBACK and spec.predictor is not None:
-                fallback = fallback or design.settings
+                fallback = fallback or design.preset
         if PREDICTOR in jobs and not searches.is_stopped:
             if fallback is None:
                 text = "error: predictor: there is no pd_ddob for it to fall back to"

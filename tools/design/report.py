@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...closed_loop.reports.plot_style import LINES
+from ...controller.analysis.loop_signals import HEADING_NOISE_1_M
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.path.settings import PathSettings
@@ -53,7 +54,7 @@ def preset_text(
     delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
     judged = f"{len(vehicle.box.vertices())} corners"
     head = _head(spec, vehicle, design.law, delays, judged, sources, design.found.ended)
-    return _commented(head, _figures(spec, design), design.settings)
+    return _commented(head, _figures(spec, design), design.preset)
 
 
 def predictor_preset_text(
@@ -84,7 +85,7 @@ def _head(
     if not ended:
         yield STOPPED
     yield ""
-    yield f"Worst of {judged} and, where none is given, of all delays:"
+    yield f"Errors of the car; worst of {judged} and, where none is given, of all delays:"
     for field, minimum, maximum in vehicle.box.ranges:
         yield f"  {field} {minimum:.6g} to {maximum:.6g}"
     for path in spec.course.paths:
@@ -100,14 +101,15 @@ def predictor_figures(
     ):
         yield (
             "RMS error",
-            f"{settled_m:.4f} m at {ns // NS_PER_MS} ms from {table.ignore_s:g} s on,"
+            f"{settled_m:.4f} m at {ns // NS_PER_MS} ms from {spec.ignore_s:g} s on,"
             f" {rms_m:.4f} m from the start",
         )
     yield from _jitters(spec, design.jitter_rms_m, "gamma, newest wins")
+    noise_m, gain_rad_m = table.lateral_error_noise_m, design.noise_gain_rad_m
     yield (
-        "noise",
-        f"{1e2 * table.lateral_error_noise_m:g} cm add {design.steer_noise_rad:.2g} rad of steer,"
-        f" limit {table.steer_noise_rad_max:g}",
+        "noise gain",
+        f"{gain_rad_m:.3g} rad/m, limit {spec.noise_gain_rad_m_max:g}: {1e2 * noise_m:g} cm and"
+        f" {1e3 * HEADING_NOISE_1_M * noise_m:g} mrad are {gain_rad_m * noise_m:.2g} rad of steer",
     )
     peak = f"{design.peak_sensitivity:.3g}, limit {spec.peak_sensitivity_max:g}"
     yield "peak sensitivity", peak
@@ -221,7 +223,7 @@ def _figures(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
     worst_m = design.rms.rms_m.max(axis=0)
     last = design.rms.delays_ns.index(spec.delays_ns[-1])
     rms = f"{worst_m[0]:.4f} m at 0 ms, {worst_m[last]:.4f} m at {spec.delay.ms_max:g} ms"
-    yield "RMS error", rms
+    yield "RMS error", f"{rms}, from {spec.ignore_s:g} s on"
     if design.rms_held_up_to_ns is not None:
         held_ms = design.rms_held_up_to_ns // NS_PER_MS
         yield "", f"at most {spec.rms_m_max_of(design.law):g} m up to {held_ms} ms"
@@ -275,7 +277,7 @@ def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Fi
     if largest_m is not None:
         axes.axhline(1e3 * largest_m, color="black", lw=0.9, ls="--", label="limit")
     axes.axvspan(0.0, spec.delay.ms_max, color="0.93", zorder=0.0)
-    axes.set(xlabel="constant delay [ms]", ylabel="RMS of the lateral error [mm]")
+    axes.set(xlabel="constant delay [ms]", ylabel="RMS of the car [mm]")
     axes.set(ylim=(0.0, 1.5 * highest_mm), xlim=(0.0, delay_ms[-1]))
     values = ", ".join(f"{key} {value:g}" for key, value in design.found.values.items())
     axes.set_title(f"{spec.name}_{design.law}: {values}", fontsize=10)

@@ -135,7 +135,7 @@ class ConditionsTable(Settings):
 
 
 class PredictorTable(Settings):
-    """`[predictor]`: how the predictor is judged; of the other demands, the peak sensitivity holds.
+    """`[predictor]`: how the predictor is judged, besides its peak sensitivity and noise gain.
 
     ``conditions``              judged with the seeds 1 to ``seeds``
     ``values_per_range``        2: the corners of the box; more: also between them
@@ -144,9 +144,9 @@ class PredictorTable(Settings):
     ``delay_averaging_s``       becomes the preset's [link]
     ``fallback``                the pd_ddob it falls back to, a preset of the controller; none: the
                                 one designed in the same run
-    ``ignore_s``                left out of each run: no law can react before a command acts
-    ``lateral_error_noise_m``   of the sensors, per sample; the filter assumes the same
-    ``steer_noise_rad_max``     standard deviation of what that noise may add to the steer
+    ``margin_ms``               beyond the longest delay, within which every vehicle is stable
+    ``lateral_error_noise_m``, ``heading_error_noise_rad``  of the sensors, per sample, as the
+                                filter assumes it
     """
 
     conditions: tuple[ConditionsTable, ...] = ()
@@ -158,11 +158,10 @@ class PredictorTable(Settings):
     delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
     fallback: str | None = None
     delay_ms_max: DelayMs = 500.0
+    margin_ms: DelayMs = 0.0
     delay_step_ms: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
-    ignore_s: Annotated[float, Field(ge=0.0, le=600.0)] = 5.0
     lateral_error_noise_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.02
     heading_error_noise_rad: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
-    steer_noise_rad_max: PositiveFloat = 0.01
     horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
     generations: Annotated[int, Field(ge=1, le=10_000)] = 12
 
@@ -173,7 +172,7 @@ class PredictorTable(Settings):
 
 
 class RmsTable(Settings):
-    """`[rms_m_max]`: the largest RMS of the lateral error a law may have; none if left out [m]."""
+    """`[rms_m_max]`: the largest RMS of the car a law may have; none if left out [m]."""
 
     pd: PositiveFloat | None = None
     pid: PositiveFloat | None = None
@@ -207,10 +206,15 @@ class Specification(Settings):
     dob_q_kind: QKind = "type_2"
     peak_sensitivity_max: Annotated[float, Field(gt=1.0, le=100.0)]
     noise_gain_rad_m_max: PositiveFloat
-    """Standard deviation of the steer for white noise of 1 m standard deviation."""
+    """Standard deviation of the steer for white noise of 1 m on the lateral error; where a law
+    reads the heading error, with a tenth of a radian per metre on that too."""
     delay: DelayTable
     actuator: ActuatorTable | None = None
     d_stability: DStabilityTable
+    ignore_s: Annotated[float, Field(ge=0.0, le=600.0)] = 0.0
+    """Left out of each run: no law can react before a command acts."""
+    follows_car: bool = True
+    """Whether the laws put the car on the path, by curvature and speed, or the preview point."""
     limits: LimitSettings = LimitSettings()
     """Must not be reached on any path; the preset limits every command to it."""
     rms_m_max: RmsTable = RmsTable()

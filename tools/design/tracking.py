@@ -1,4 +1,4 @@
-"""Lateral error along a path of the sampled loop without limits, for many plants at once.
+"""The car along a path in the sampled loop without limits, for many plants at once.
 
     y = y_ρ + P u,   u = K y      so      Y(z) = Y_ρ(z) / (1 - P(z) K(z)),   U(z) = K(z) Y(z)
 
@@ -22,7 +22,13 @@ multiplied by R^k: R is a compromise between the two. y_ρ may stop at the end o
 the loop is causal; M leaves the loop some time to settle after that.
 
 A steer that is added to the law's without feedback, such as that for the map's curvature, passes
-the same plant: Y_ρ + P U_added takes the place of Y_ρ.
+the same plant: Y_ρ + P U_added takes the place of Y_ρ. A law with a set point y* sees E = Y - Y*,
+for which Y_ρ - Y* takes the place of Y_ρ.
+
+The centre of gravity lies d behind the preview point, where the path has bent away from its tangent
+by g. With small angles its deviation is
+
+    y_cg = y - d ψ - g,   g = ∫ (d - w) ρ(s - w) dw over w from 0 to d
 
 Limits, quantisation and jitter are left out; everything else is exact.
 """
@@ -50,7 +56,9 @@ class TrackingGrid(NamedTuple):
     """Plants and paths on the circle |z| = R; Z of its points suffice, the rest being conjugate.
 
     ``plants``     P and P_ψ, shape (2, corners, delays, Z)
-    ``unsteered``  Y_ρ and Ψ_ρ, shape (2, paths, corners, Z)
+    ``unsteered``  Y_ρ - Y* and Ψ_ρ, shape (2, paths, corners, Z)
+    ``offset_m``   y* - d ψ_ρ - g in time, shape (paths, corners, ticks)
+    ``preview_m``  d; 0 to judge the law's error instead of the car
     ``added``      steer that is added to the law's, shape (paths, corners, Z); 0 for none
     ``first_tick``  the first one that counts; before it the run settles
     """
@@ -63,13 +71,15 @@ class TrackingGrid(NamedTuple):
     plants: ComplexArray
     unsteered: ComplexArray
     added: ComplexArray
+    offset_m: FloatArray
+    preview_m: float
     first_tick: int
 
 
 class Tracking(NamedTuple):
     """The results of a law on the paths of a grid; each of shape (paths, corners, delays).
 
-    ``rms_m``            of the lateral error over the ticks that count [m]
+    ``rms_m``            of the car's deviation over the ticks that count [m]
     ``steer_rad``        largest |steer| [rad]
     ``steer_rate_rad_s``  largest change of the command from tick to tick, per second [rad/s]
     """
@@ -102,14 +112,17 @@ def tracking_grid(
     period_ns: int,
     first_tick: int = 1,
     added_rad: FloatArray | None = None,
+    offset_m: FloatArray | None = None,
+    preview_m: float = 0.0,
 ) -> TrackingGrid:
     """Return the part of the computation that is the same for every law.
 
     ``models``       plants from steer to lateral error, one for each corner
-    ``unsteered``    y_ρ and ψ_ρ at the ticks from 0 on, shape (2, paths, corners, ticks)
+    ``unsteered``    y_ρ - y* and ψ_ρ at the ticks from 0 on, shape (2, paths, corners, ticks)
     ``first_tick``   the first one that counts; before it the run settles
     ``added_rad``    steer that is added to the law's at the ticks, shape (paths, corners, ticks);
                      None: none
+    ``offset_m``, ``preview_m``  as in the grid; None and 0 for the law's error
     """
     ticks = unsteered.shape[-1]
     transform = int(next_fast_len(math.ceil(_ROOM * ticks), real=True))
@@ -122,8 +135,10 @@ def tracking_grid(
     zeros = np.zeros_like(on_circle[0])
     added = zeros if added_rad is None else rfft(added_rad / growth, transform)
     plants = np.stack(responses, axis=1)
+    offset_m = np.zeros_like(unsteered[0]) if offset_m is None else offset_m
     return TrackingGrid(
-        period_ns, ticks, transform, growth, z, plants, on_circle, added, first_tick
+        *(period_ns, ticks, transform, growth, z, plants, on_circle, added),
+        *(offset_m, preview_m, first_tick),
     )
 
 
@@ -132,19 +147,27 @@ def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
 
     The result is meaningless where the loop is unstable.
     """
-    by_path = [_track_path(grid, *path) for path in _errors_and_steers(grid, design)]
+    paths = zip(_errors_and_steers(grid, design), grid.offset_m, strict=True)
+    by_path = [_track_path(grid, *path, offset_m) for path, offset_m in paths]
     return Tracking(*(np.stack(figures) for figures in zip(*by_path, strict=True)))
 
 
 def rms_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
     """Return the RMS alone, in half the time; shape (paths, corners, delays) [m]."""
-    paths = _errors_and_steers(grid, design)
-    return np.stack([_rms(grid, _in_time(grid, error)) for error, _ in paths])
+    return _rms(grid, deviation_m(grid, design))
 
 
-def lateral_error_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
-    """Return the lateral error at every tick, shape (paths, corners, delays, ticks) [m]."""
-    return np.stack([_in_time(grid, error) for error, _ in _errors_and_steers(grid, design)])
+def deviation_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
+    """Return the car's deviation at every tick, shape (paths, corners, delays, ticks) [m]."""
+    paths = zip(_errors_and_steers(grid, design), grid.offset_m, strict=True)
+    return np.stack([_deviation_m(grid, *path, offset_m) for path, offset_m in paths])
+
+
+def _deviation_m(
+    grid: TrackingGrid, error: ComplexArray, steer: ComplexArray, offset_m: FloatArray
+) -> FloatArray:
+    turned = error - grid.preview_m * grid.plants[1] * steer if grid.preview_m else error
+    return _in_time(grid, turned) + offset_m[:, None]
 
 
 def _errors_and_steers(
@@ -164,14 +187,14 @@ def _errors_and_steers(
 
 
 def _track_path(
-    grid: TrackingGrid, error: ComplexArray, steer: ComplexArray
+    grid: TrackingGrid, error: ComplexArray, steer: ComplexArray, offset_m: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return RMS error, peak steer and peak rate from error and steer on the circle."""
     steer_rad = _in_time(grid, steer)
     steps_rad = np.abs(np.diff(steer_rad, axis=-1, prepend=0.0))
     rate_hz, before = NS_PER_S / grid.period_ns, grid.first_tick - 1
     return (
-        _rms(grid, _in_time(grid, error)),
+        _rms(grid, _deviation_m(grid, error, steer, offset_m)),
         np.abs(steer_rad[..., before:]).max(axis=-1),
         steps_rad[..., before:].max(axis=-1) * rate_hz,
     )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from ...closed_loop.compiled.engine import Outcome, run_compiled
+from ...closed_loop.compiled.engine import Outcome, rms_of, run_compiled
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
@@ -33,18 +33,20 @@ if TYPE_CHECKING:
 
 
 class Driven(NamedTuple):
-    """RMS of the lateral error [m] and largest steer [rad]; infinite if a run has no end."""
+    """RMS of the car's deviation [m] and largest steer [rad]; infinite if a run has no end."""
 
     rms_m: float
     steer_rad: float
 
 
-def drive(plant: PlantSettings, settings: ControllerSettings) -> Driven:
-    """Run both nodes on a wire that takes no time."""
+def drive(spec: Specification, plant: PlantSettings, settings: ControllerSettings) -> Driven:
+    """Run both nodes on a wire that takes no time; the RMS is that from ``ignore_s`` on."""
     run = run_compiled(plant, settings)
     if run.outcome is not Outcome.COMPLETE:
         return Driven(math.inf, math.inf)
-    return Driven(run.lateral_error_rms_m, float(np.abs(run.sent_rad).max()))
+    return Driven(
+        rms_of(run.cg_deviation_m[run.time_s >= spec.ignore_s]), float(np.abs(run.sent_rad).max())
+    )
 
 
 def plant_settings(
@@ -144,7 +146,7 @@ def verify(spec: Specification, vehicle: VehicleFile, design: "Design") -> tuple
     difference of an RMS to that of the linear analysis.
     """
     asked = plants(spec, vehicle, map(constant, spec.delays_ns))
-    driven = [drive(plant, design.settings) for plant in asked]
+    driven = [drive(spec, plant, design.preset) for plant in asked]
     shape = (len(spec.course.paths), len(vehicle.box.vertices()), len(spec.delays_ns))
     rms_m = np.array([run.rms_m for run in driven]).reshape(shape).max(axis=0)
     columns = [design.rms.delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]

@@ -156,12 +156,16 @@ def params_of(settings: ControllerSettings) -> Any:
         raise SettingsError(f"law = {settings.law!r} does not become C: {', '.join(LAWS)} do")
     for key, is_there in {
         "[feed_forward]": settings.feed_forward is not None,
-        f"followed_point = {settings.followed_point!r}": settings.followed_point != "preview",
         "pid.heading_gain_rad_rad": settings.law == "pid"
         and settings.table_of(PidSettings).heading_gain_rad_rad is not None,
     }.items():
         if is_there:
             raise SettingsError(f"{key} does not become C: leave it out")
+    if settings.followed_point != "preview":
+        raise SettingsError(
+            f"followed_point = {settings.followed_point!r} does not become C, whose law reads the"
+            " lateral error alone (allowed: preview); give --set followed_point=preview"
+        )
     params = settings.law_record.design(settings)
     try:
         settings.law_record.at_rest(params, 1.0)

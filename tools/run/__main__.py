@@ -19,7 +19,6 @@ from functools import partial
 from pathlib import Path
 
 from steer_by_wire.closed_loop.pair.agreed_period import pair_warnings, with_period_of
-from steer_by_wire.closed_loop.pair.agreed_point import judged_like
 from steer_by_wire.closed_loop.pair.pair_result import (
     BUS,
     CONTROLLER_PROGRAM,
@@ -121,7 +120,6 @@ def _run(options: argparse.Namespace) -> int:
     plant_settings, controller = _plant_settings(options, language), _controller(options)
     ours = controller if isinstance(controller, ControllerSettings) else None
     if ours is not None:
-        plant_settings = judged_like(plant_settings, ours)
         for warning in pair_warnings(plant_settings, ours):
             say(NAME, f"warning: {warning}", sys.stderr)
         controller = ours = with_period_of(plant_settings, ours)

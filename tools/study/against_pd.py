@@ -21,7 +21,6 @@ _HEADINGS = (
     "better in",
     "RMS held, median [mm]",
     "RMS held, largest [mm]",
-    "centre of gravity, median [mm]",
     "steer RMS [mrad]",
     "steer rate RMS [mrad/s]",
     "periods at a limit [%]",
@@ -37,10 +36,8 @@ def comparison_section(study: StudyRecord, rows: Rows) -> Section:
         (
             f"Each run is compared with the run of {reference} under the same conditions and on "
             "the same network (common random numbers). Ratios are of those pairs in which both "
-            "hold the path: below 1 the law is better. Errors are those of the preview point, but "
-            "for the column of the centre of gravity, of the runs held too. The steer's columns "
-            "are medians over all "
-            "runs of a law, those that do not hold too.",
+            "hold the path: below 1 the law is better. Errors are those of the car. The "
+            "steer's columns are medians over all runs of a law, those that do not hold too.",
         ),
         tables=(Table(_HEADINGS, lines),),
     )
@@ -70,7 +67,6 @@ def _line(study: StudyRecord, rows: Rows, place: int) -> tuple[Cell, ...]:
         better,
         _millimetres(_median(rows.rms_m[held])),
         _millimetres(largest_m),
-        _millimetres(_median(rows.cg_rms_m[held])),
         three_digits(1e3 * _median(rows.steer_rms_rad[it])),
         three_digits(1e3 * _median(rows.steer_rate_rms_rad_s[it])),
         three_digits(100.0 * _median(rows.limited_share[it])),

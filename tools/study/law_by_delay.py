@@ -2,12 +2,11 @@
 
 A condition is a combination of levels of all factors but the mean delay; factors of the vehicle
 alone are left out of it, since a vehicle is not known: the worst counts, of vehicles and of
-replicates. A law breaks where any of these runs does not hold the path, by the study's verdict. The
-followed point is the one that the law holds on the path: the preview point, or the centre of
-gravity (CG) where the settings say so.
+replicates. A law breaks where any of these runs does not hold the path, by the study's verdict.
+Errors are those of the car.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
-from ...closed_loop.reports.plot_style import LINES
-from ...closed_loop.studies.compiled_figures import SETTLED_S
+from ...closed_loop.reports.plot_style import law_styles
 from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from .against_pd import three_digits
@@ -36,11 +34,10 @@ _TOP_M = 3.0
 class LawByDelay(NamedTuple):
     """Worst figures of shape (conditions, controllers, delays); NaN where nothing was run.
 
-    ``settled_m``   RMS of the followed point from SETTLED_S on
-    ``whole_m``     the same of the whole run
-    ``cg_m``        RMS of the centre of gravity from SETTLED_S on
-    ``peak_m``, ``cg_peak_m``  the largest deviation of the preview point and of the CG
-    ``holds``       whether every run holds
+    ``settled_m``  RMS from ``settled_s`` of the verdict on
+    ``whole_m``    the same of the whole run
+    ``peak_m``     largest deviation
+    ``holds``      whether every run holds
     """
 
     delays_ms: tuple[float, ...]
@@ -48,9 +45,7 @@ class LawByDelay(NamedTuple):
     controllers: tuple[str, ...]
     settled_m: FloatArray
     whole_m: FloatArray
-    cg_m: FloatArray
     peak_m: FloatArray
-    cg_peak_m: FloatArray
     holds: BoolArray
 
     def breaks_at_ms(self, condition: int, controller: int) -> float | None:
@@ -84,18 +79,15 @@ def law_by_delay(study: StudyRecord, rows: Rows, axes: StudyAxes) -> LawByDelay 
     def worst(values: FloatArray) -> FloatArray:
         return _worst(cell, values, shape)
 
-    follows_cg = np.isin(rows.controller, _followers_of_cg(study))
     held = np.ones(shape, dtype=np.bool_)
     np.logical_and.at(held.reshape(-1), cell, rows.holds)
     return LawByDelay(
         tuple(1e3 * delay_s for delay_s in delays),
         tuple(text or "all runs" for text in texts),
         study.names,
-        worst(np.where(follows_cg, rows.settled_cg_rms_m, rows.settled_rms_m)),
-        worst(np.where(follows_cg, rows.cg_rms_m, rows.rms_m)),
-        worst(rows.settled_cg_rms_m),
+        worst(rows.settled_rms_m),
+        worst(rows.rms_m),
         worst(rows.peak_m),
-        worst(rows.cg_peak_m),
         held,
     )
 
@@ -107,11 +99,6 @@ def _level(name: str, value: object) -> str:
 
 def _is_vehicle(factor: FactorRecord) -> bool:
     return all(key.startswith(_VEHICLE) for key in factor.keys)
-
-
-def _followers_of_cg(study: StudyRecord) -> list[int]:
-    points = [tables.get("followed_point") for tables in study.controllers.values()]
-    return [place for place, point in enumerate(points) if point == "centre_of_gravity"]
 
 
 def _worst(cell: IntArray, values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
@@ -152,10 +139,9 @@ def law_section(found: LawByDelay, pictures: Sequence[Picture]) -> Section:
         "Law by delay",
         (
             "The first mean delay at which any run of a law does not hold the path, and the worst "
-            "figures of its runs over vehicles and replicates. RMS: of the followed point from "
-            f"{SETTLED_S:g} s on, in brackets of the whole run, and after the stroke of the centre "
-            "of gravity. Largest deviation: of the preview point and of the centre of gravity. "
-            "- stands where a run does not hold.",
+            "figures of its runs over vehicles and replicates. Errors are those of the car. RMS: "
+            "from settled_s of the verdict on, in brackets of the whole run. - stands where a run "
+            "does not hold.",
         ),
         pictures,
         tables,
@@ -169,24 +155,28 @@ def _breaks(delay_ms: float | None) -> str:
 def _rms(found: LawByDelay, place: tuple[int, int, int]) -> str:
     if not found.holds[place]:
         return "-"
-    settled, whole, cg = (
-        three_digits(1e3 * figures[place])
-        for figures in (found.settled_m, found.whole_m, found.cg_m)
+    settled, whole = (
+        three_digits(1e3 * figures[place]) for figures in (found.settled_m, found.whole_m)
     )
-    return f"{settled} ({whole}) / {cg}"
+    return f"{settled} ({whole})"
 
 
 def _peak(found: LawByDelay, place: tuple[int, int, int]) -> str:
     if not found.holds[place]:
         return "-"
-    return f"{found.peak_m[place]:.2f} / {found.cg_peak_m[place]:.2f}"
+    return f"{found.peak_m[place]:.2f}"
 
 
-def draw_error_over_delay(found: LawByDelay, names: Sequence[str]) -> Figure:
-    """Draw some laws under the first condition, and the delay at which each breaks."""
+def draw_error_over_delay(
+    found: LawByDelay, names: Sequence[str], laws: Mapping[str, str]
+) -> Figure:
+    """Draw some controllers under the first condition, and the delay at which each breaks.
+
+    ``laws``  that they run, by their names
+    """
     figure = Figure(figsize=(9.0, 4.8))
     axes = figure.subplots()
-    for name, style in zip(names, LINES, strict=False):
+    for name, style in zip(names, law_styles(laws[each] for each in names), strict=True):
         law = found.controllers.index(name)
         breaks_ms = found.breaks_at_ms(0, law)
         fate = "holds throughout" if breaks_ms is None else f"breaks at {breaks_ms:g} ms"
@@ -201,7 +191,7 @@ def draw_error_over_delay(found: LawByDelay, names: Sequence[str]) -> Figure:
         formatter(LogFormatter(labelOnlyBase=False))  # plain numbers, in less than a decade too
     axes.set(
         xlabel="mean delay [ms]",
-        ylabel=f"RMS error from {SETTLED_S:g} s on, worst [mm]",
+        ylabel="RMS of the car once it has settled, worst [mm]",
         ylim=(None, 1e3 * _TOP_M),
     )
     axes.set_title(f"Which delay each law tolerates: {found.conditions[0]}")

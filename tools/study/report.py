@@ -64,7 +64,8 @@ def _laws(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
     if found is None:
         return []
     names = (study.report.error_over_delay or found.controllers)[:CURVES_MAX]
-    picture = _save(study, "error_over_delay", lambda: draw_error_over_delay(found, names))
+    laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
+    picture = _save(study, "error_over_delay", lambda: draw_error_over_delay(found, names, laws))
     return [law_section(found, [picture])]
 
 

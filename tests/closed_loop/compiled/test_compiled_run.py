@@ -203,7 +203,7 @@ def test_a_run_that_ends_before_the_first_measurement_arrives_drives_on_uncontro
     batch = assert_same_as_nodes(plant, controller_preset("practical_pd_ddob"))
     assert len(batch.time_s) == 801
     assert len(batch.tick_s) == 0
-    assert batch.lateral_error_rms_m > 0.1
+    assert batch.preview_rms_m > 0.1
 
 
 def test_a_recorded_network_is_met_as_the_nodes_meet_it(tmp_path: Path) -> None:

@@ -26,8 +26,8 @@ from tests.support.runs.compiled_runs import plant_settings as plant
 
 CIRCLE = ('path={kind="circle", radius_m=30.0}',)
 LAWS: dict[str, tuple[str, Sequence[str]]] = {
-    "predictor": ("practical_predictor", ()),
-    "feed_forward": ("practical_pd_ddob", ("feed_forward={}",)),
+    "predictor": ("practical_predictor", ("followed_point=preview",)),
+    "feed_forward": ("practical_pd_ddob", ("feed_forward={}", "followed_point=preview")),
 }
 BURSTS = ("latency.uplink.loss=0.4", "latency.uplink.burst_frames=30", "latency.uplink.mean_s=0.03")
 SHORT_LIMITS = (
@@ -105,8 +105,8 @@ def test_neither_losing_the_vehicle_nor_having_it_back_is_a_jump(law: str) -> No
 
 def test_the_feed_forward_of_an_old_curve_fades_out_and_comes_back() -> None:
     """With pd, which without it stays beside the circle."""
-    law = design_law(preset("practical_pd", ("feed_forward={}",)))
-    plain = design_law(preset("practical_pd"))
+    law = design_law(preset("practical_pd", ("feed_forward={}", "followed_point=preview")))
+    plain = design_law(preset("practical_pd", ("followed_point=preview",)))
     curve = VehicleReading(1.4, 0.0, 0.05)
     old = curve._replace(is_stale=True)
     state: Any = law.initial_state(0.0)
@@ -125,7 +125,7 @@ def test_the_feed_forward_of_an_old_curve_fades_out_and_comes_back() -> None:
 
 
 def test_a_vehicle_that_is_stale_when_the_law_starts_adds_nothing_and_comes_in_gently() -> None:
-    law = design_law(preset("practical_pd", ("feed_forward={}",)))
+    law = design_law(preset("practical_pd", ("feed_forward={}", "followed_point=preview")))
     curve = VehicleReading(1.4, 0.0, 0.05)
     state: Any = law.initial_state(0.0)
     shares = []

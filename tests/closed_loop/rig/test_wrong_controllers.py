@@ -69,7 +69,7 @@ def test_a_right_controller_passes(preset: str, tmp_path: Path) -> None:
 
 
 def test_frames_that_are_passed_on_unchanged_pass(tmp_path: Path) -> None:
-    driven(tmp_path, steers(lambda _n, rad: rad)).assert_holds(rms_m=0.05)
+    driven(tmp_path, steers(lambda _n, rad: rad)).assert_holds(rms_m=0.1)
 
 
 FAST = controller_preset(

@@ -121,13 +121,12 @@ def test_how_a_run_ended_comes_first() -> None:
 
 
 def test_a_run_too_short_for_two_windows_has_no_figures_of_its_end() -> None:
-    cg_m = np.array([3.0, -4.0])
-    moved = TIME_S[:100], np.ones(100), np.ones(100), np.zeros(100)
-    found = figures_of(RULES, *moved, cg_m, NO_COMMANDS)
-    assert found.cg_rms_m == pytest.approx(math.sqrt(12.5))
-    assert found.cg_peak_m == 4.0
+    cg_m, error_m = np.tile([3.0, -4.0], 50), np.ones(100)
+    found = figures_of(RULES, TIME_S[:100], error_m, cg_m, cg_m, np.zeros(100), NO_COMMANDS)
+    assert found.rms_m == pytest.approx(math.sqrt(12.5))
+    assert (found.peak_m, found.final_m, found.preview_rms_m) == (4.0, -4.0, 1.0)
     assert math.isnan(found.mean_m)
     assert math.isnan(found.amplitude_m)
-    assert found.rms_m == found.end_peak_m == 1.0
-    assert verdict(found) is Verdict.OFF_PATH
+    assert found.end_peak_m == 4.0
+    assert verdict(found) is Verdict.LEFT_ROAD
     assert all(map(math.isnan, figures(np.zeros(0))[:-2]))

@@ -89,7 +89,7 @@ def test_no_run_that_holds_is_off_the_path_or_swings() -> None:
     has_corridor = ~np.isnan(at["outside_m"])
     assert not (at["settled_peak_m"][holds & ~has_corridor] > RULES.off_path_m).any()
     assert not (at["outside_m"][holds] > 0.0).any()
-    assert not (at["followed_peak_m"][holds] > RULES.road_m).any()
+    assert not (at["judged_peak_m"][holds] > RULES.road_m).any()
     assert set(found) == set(Verdict)
 
 
@@ -103,7 +103,7 @@ def test_swings_from_limit_to_limit_behind_a_network_with_memory_do_not_hold(
     run: int, expected: Verdict
 ) -> None:
     found, at = judged(Scenarios(load_study(SHIPPED / "paper_box.toml")), run)
-    assert at["peak_m"] > 2.5
+    assert at["preview_peak_m"] > 2.5
     assert at["limited_share"] > 0.5
     assert found is expected
 

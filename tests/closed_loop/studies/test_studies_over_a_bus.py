@@ -71,8 +71,8 @@ def test_a_bus_with_nothing_on_it_gives_the_run_of_both_programs(tmp_path: Path)
     wanted = run_virtual_pair(pair.plant, pair.controller, BusSettings(bitrate_bit_s=250_000))
     ideal = run_virtual_pair(pair.plant, pair.controller, None)
     table = run_study(file)
-    assert table["rms_m"][0] == pytest.approx(wanted.plant["node"]["lateral_error_rms_m"], rel=1e-9)
-    assert table["rms_m"][0] != ideal.plant["node"]["lateral_error_rms_m"]
+    assert table["rms_m"][0] == pytest.approx(wanted.plant["node"]["rms_m"], rel=1e-9)
+    assert table["rms_m"][0] != ideal.plant["node"]["rms_m"]
     assert table["samples"][0] == len(wanted.trace.time_s)
     assert table["commands_acted"][0] == wanted.plant["node"]["downlink"]["released"]
 
@@ -165,8 +165,8 @@ def test_a_busy_bus_changes_the_error_little_against_the_compiled_run() -> None:
     bus = {"load": 0.9, "bit_error_rate": 1e-3}
     over_it = simulate(controller=controller, duration_s=10.0, overrides=network, bus=bus)
     without = simulate(controller=controller, duration_s=10.0, overrides=network, engine="compiled")
-    assert over_it.lateral_error_rms_m != without.lateral_error_rms_m
-    assert over_it.lateral_error_rms_m == pytest.approx(without.lateral_error_rms_m, rel=3e-3)
+    assert over_it.preview_rms_m != without.preview_rms_m
+    assert over_it.preview_rms_m == pytest.approx(without.preview_rms_m, rel=3e-3)
 
 
 LOST_OR_STUCK = """
@@ -287,7 +287,7 @@ def test_a_study_on_a_cars_bus_is_the_run_in_its_dialect(tmp_path: Path) -> None
     words += ["--set", "plant.duration_s=0.5", "--set", "plant.latency.downlink.mean_s=0.02"]
     assert run([*words, "--json", str(tmp_path / "run.json")]) == ExitStatus.OK
     wanted = json.loads((tmp_path / "run.json").read_text())["plant_emulator"]["node"]
-    assert table["rms_m"][0] == pytest.approx(wanted["lateral_error_rms_m"], rel=1e-9)
+    assert table["rms_m"][0] == pytest.approx(wanted["rms_m"], rel=1e-9)
     assert table["commands_acted"][0] == wanted["downlink"]["released"]
     assert str(CAR.with_suffix(".dbc")) in json.loads(study.identity)["files"]
     assert Scenarios(study).pair(0).dialect == str(CAR)

@@ -60,7 +60,7 @@ def test_a_sweep_has_a_row_for_every_combination_and_each_is_the_run_of_simulate
         overrides={"controller.rate_hz": 50},
         engine="compiled",
     )
-    assert table["rms_m"][row] == run.lateral_error_rms_m
+    assert table["rms_m"][row] == run.rms_m
     assert len(np.unique(table["rms_m"])) > len(np.unique(table["rms_m"][table["jitter_s"] == 0]))
 
 

@@ -55,7 +55,7 @@ def test_the_smith_preset_keeps_the_error_its_file_states() -> None:
     for delay_ms, rms_m in zip((0, 250), map(float, stated.groups()), strict=True):
         runs = [run_compiled(corner(each, delay_ms), preset(name)) for each in "abcd"]
         assert {run.outcome for run in runs} == {Outcome.COMPLETE}
-        worst_m = max(run.lateral_error_rms_m for run in runs)
+        worst_m = max(run.preview_rms_m for run in runs)
         assert worst_m == pytest.approx(rms_m, rel=0.01)
 
 

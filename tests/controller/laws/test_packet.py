@@ -130,10 +130,10 @@ def test_an_outage_of_half_a_second_in_a_bend_costs_nothing() -> None:
     # The outage is reported as with single commands; only the wheel moves on.
     assert planned["safety"]["holdings"] == single["safety"]["holdings"] == 1
     whole = run(controller(), "latency.downlink.mean_s=0.1", duration_s=3.0)[2]
-    whole_m = whole["lateral_error_peak_m"]
+    whole_m = whole["preview_peak_m"]
     assert whole_m < 0.01
-    assert planned["lateral_error_peak_m"] == pytest.approx(whole_m, abs=1e-4)
-    assert single["lateral_error_peak_m"] > whole_m + 0.005
+    assert planned["preview_peak_m"] == pytest.approx(whole_m, abs=1e-4)
+    assert single["preview_peak_m"] > whole_m + 0.005
 
 
 def test_a_network_that_becomes_faster_than_measured_is_no_silence() -> None:
@@ -143,7 +143,7 @@ def test_a_network_that_becomes_faster_than_measured_is_no_silence() -> None:
     )
     _, _, report = run(controller(), *faster, duration_s=4.0)
     assert report["safety"]["holdings"] == 0
-    assert report["lateral_error_peak_m"] < 0.1
+    assert report["preview_peak_m"] < 0.1
 
 
 def test_without_echoes_single_commands_are_sent_and_both_kinds_are_accepted() -> None:

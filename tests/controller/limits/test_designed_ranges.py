@@ -160,7 +160,7 @@ def test_a_compiled_run_beyond_the_range_equals_the_nodes(name: str) -> None:
     settings = preset(name)
     result = run_virtual_pair(rig(8.0), settings, None)
     run = run_compiled(rig(8.0), settings)
-    assert result.plant["node"]["lateral_error_rms_m"] == run.lateral_error_rms_m
+    assert result.plant["node"]["preview_rms_m"] == run.preview_rms_m
     assert result.controller["node"]["validity_share"]["speed_high"] > 0.9
 
 

@@ -158,7 +158,7 @@ def test_lag_and_mass_are_measured_together() -> None:
         run = run_compiled(asked, settings)
         peak_m[measures] = float(np.abs(run.lateral_error_m).max())
     result = run_virtual_pair(asked, settings, None)
-    assert result.plant["node"]["lateral_error_rms_m"] == run.lateral_error_rms_m
+    assert result.plant["node"]["preview_rms_m"] == run.preview_rms_m
     believed = result.controller["node"]["believed"]
     assert believed["steering_lag_s"] == 0.02
     assert believed["virtual_mass_kg"] / NOMINAL_KG in MASS_RATIOS[-2:]  # 2.5, or its neighbour

@@ -217,7 +217,7 @@ def driven(dialect: Dialect | None) -> tuple[float, set[int], list[Mapping[str, 
         seen.add(frame.can_id)
 
     run_virtual_nodes(nodes[0], nodes[1], None, None, lambda: False, on_wire)
-    error_m = pair.plant.report()["lateral_error_rms_m"]
+    error_m = pair.plant.report()["preview_rms_m"]
     return error_m, seen, [node.report() for node in nodes]
 
 

@@ -8,7 +8,7 @@ def test_without_motion_there_is_no_error_to_report() -> None:
     tested = link()
     tested.tick_until(START_NS)
     lines = dict(plant_summary(tested.node.report()))
-    assert lines["centre of gravity"] == "unknown: the vehicle has not moved"
+    assert lines["car"] == "unknown: the vehicle has not moved"
     assert lines["commands"] == "latency unknown, 0 lost"
     assert "limited" not in lines
     assert "plant rejected" not in lines

@@ -70,16 +70,16 @@ def test_figures_by_hand() -> None:
     figures.add([(5.0, 10.0, -6.0, 0.2, "")])
     assert figures.peaks_m._replace(outside_m=0.0) == Peaks(9.0, 6.0, 0.0)
     assert figures.samples == 3
-    assert figures.lateral_error_rms_m == pytest.approx(5.0)
-    assert figures.lateral_error_peak_m == 7.0
-    assert figures.lateral_error_final_m == 5.0
-    assert figures.cg_deviation_rms_m == pytest.approx(10.0)
-    assert figures.cg_deviation_peak_m == 14.0
+    assert figures.preview_rms_m == pytest.approx(5.0)
+    assert figures.preview_peak_m == 7.0
+    assert figures.final_m == 10.0
+    assert figures.rms_m == pytest.approx(10.0)
+    assert figures.peak_m == 14.0
     assert figures.wheel_angle_peak_rad == 0.3
 
 
 def test_a_run_without_samples_has_no_error() -> None:
-    assert RunningFigures().lateral_error_rms_m == 0.0
+    assert RunningFigures().preview_rms_m == 0.0
 
 
 # The trace file

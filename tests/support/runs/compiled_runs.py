@@ -94,5 +94,7 @@ def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -
     laws = np.array([tick.law_output for tick in ticks]).reshape(-1, 4)
     np.testing.assert_array_equal(batch.law_output, laws)
     np.testing.assert_array_equal(batch.tick_s, [tick.time_ns * 1e-9 for tick in ticks])
-    assert batch.lateral_error_rms_m == plant_node.report()["lateral_error_rms_m"]
+    report = plant_node.report()
+    assert batch.rms_m == report["rms_m"]
+    assert batch.preview_rms_m == report["preview_rms_m"]
     return batch

@@ -29,7 +29,7 @@ START_NS = 1_700_000_000_123_456_000
 """Where virtual time begins, for formats that need a date."""
 ON_THE_WIRE_S = 1.5e-3
 """More than the frames of one instant take on the bus of virtual time."""
-CONTROLLER = controller_preset("practical_pd")
+CONTROLLER = controller_preset("practical_pd", ["followed_point=preview"])
 
 
 class Run(NamedTuple):

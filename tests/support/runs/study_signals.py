@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steer_by_wire.closed_loop.studies.compiled_figures import (
-    CG_STRIDE,
     FigureRules,
     Figures,
     figures_of,
@@ -28,10 +27,10 @@ NO_COMMANDS: FloatArray = np.zeros(0)
 def figures(
     error_m: FloatArray, sent_rad: FloatArray = NO_COMMANDS, wheel_rad: FloatArray | None = None
 ) -> Figures:
-    """Return the figures of a lateral error; the centre of gravity stays on the path."""
+    """Return the figures of the car's deviation; the preview point stays on the path."""
     wheel_rad = np.zeros(len(error_m)) if wheel_rad is None else wheel_rad
-    cg_m = np.zeros_like(error_m[::CG_STRIDE])
-    return figures_of(RULES, TIME_S[: len(error_m)], error_m, error_m, wheel_rad, cg_m, sent_rad)
+    moved = TIME_S[: len(error_m)], np.zeros(len(error_m)), error_m, error_m
+    return figures_of(RULES, *moved, wheel_rad, sent_rad)
 
 
 def verdict(found: Figures, end: RunEnd = RunEnd.COMPLETE) -> Verdict:

@@ -157,5 +157,5 @@ def test_on_time_the_processes_drive_as_the_nodes_do_in_virtual_time(
     if run is None:
         pytest.skip("the host stalled every run")
     virtual = run_virtual_pair(PLANT, CONTROLLER)
-    rms_m = virtual.plant["node"]["lateral_error_rms_m"]
-    assert run.plant["node"]["lateral_error_rms_m"] == pytest.approx(rms_m, rel=0.1)
+    rms_m = virtual.plant["node"]["preview_rms_m"]
+    assert run.plant["node"]["preview_rms_m"] == pytest.approx(rms_m, rel=0.1)

@@ -164,7 +164,7 @@ def test_on_a_bus_with_a_bit_rate_the_other_lengths_change_the_run_by_their_time
     secured = Pair(*met(), bus=BusModel(500_000, 2_000_000))
     unsecured = Pair(None, None, bus=BusModel(500_000))
     assert secured.report["refused"] == {}
-    rms_m = [pair.plant.report()["lateral_error_rms_m"] for pair in (secured, unsecured)]
+    rms_m = [pair.plant.report()["preview_rms_m"] for pair in (secured, unsecured)]
     assert rms_m[0] != rms_m[1]
     assert rms_m[0] == pytest.approx(rms_m[1], rel=0.02)
 
@@ -221,7 +221,7 @@ def test_spoofed_commands_disturb_a_classic_plant(classic: Pair) -> None:
     """What authentication is for: without a key, anyone who can send can steer."""
     report = Pair(None, None, others=[intruder(spoofed())]).plant.report()
     assert report["second_senders"] == ["STEERING_COMMAND"]
-    assert report["lateral_error_peak_m"] > 2.0 * classic.plant.report()["lateral_error_peak_m"]
+    assert report["preview_peak_m"] > 2.0 * classic.plant.report()["preview_peak_m"]
 
 
 def test_spoofed_commands_change_no_bit_of_an_authenticated_run(authenticated: Pair) -> None:

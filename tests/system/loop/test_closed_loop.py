@@ -98,7 +98,7 @@ class Run(NamedTuple):
 
     @property
     def rms_m(self) -> float:
-        rms_m: float = self.plant.report()["lateral_error_rms_m"]
+        rms_m: float = self.plant.report()["preview_rms_m"]
         return rms_m
 
 

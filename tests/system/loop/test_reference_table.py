@@ -151,9 +151,9 @@ def run_cell(cell: Cell) -> Result:
     controller = controller_settings(cell.row)
     plants = {corner: plant_settings(cell.latency, corner) for corner in CORNERS}
     runs = {corner: run_compiled(plant, controller) for corner, plant in plants.items()}
-    worst = max(CORNERS, key=lambda corner: runs[corner].lateral_error_rms_m)
+    worst = max(CORNERS, key=lambda corner: runs[corner].preview_rms_m)
     peak_rad = max(peak_steer_rad(run) for run in runs.values())
-    return Result(worst, runs[worst].lateral_error_rms_m, peak_rad)
+    return Result(worst, runs[worst].preview_rms_m, peak_rad)
 
 
 def peak_steer_rad(run: CompiledRun) -> float:

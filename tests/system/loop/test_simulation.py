@@ -57,7 +57,7 @@ def test_compiled_and_virtual_give_the_same_bits(run: Run, compiled: Run, side: 
 def test_a_run_shows_itself_in_one_line_with_its_error(run: Run) -> None:
     shown = repr(run)
     assert "\n" not in shown
-    assert f"preview point RMS {1e3 * run.lateral_error_rms_m:.1f} mm" in shown
+    assert f"car RMS {1e3 * run.rms_m:.1f} mm off" in shown
     assert str(run.controller_settings.law) in shown
 
 

@@ -41,7 +41,7 @@ LIVE = ("--set", "duration_s=3", "--set", "safety.ftti_ms=off", "--preset", "pap
 
 
 def rms_mm(run: Any) -> float:
-    return 1e3 * float(run.lateral_error_rms_m)
+    return 1e3 * float(run.preview_rms_m)
 
 
 def check_first_loop(run: Any) -> None:
@@ -81,7 +81,7 @@ def check_own_path(run: Any) -> None:
 
 
 def check_own_vehicle(runs: Any) -> None:
-    linear, at_5_kn, at_3_kn = (run.lateral_error_peak_m for run in runs.values())
+    linear, at_5_kn, at_3_kn = (run.preview_peak_m for run in runs.values())
     assert 0.52 < linear < 0.545 < at_5_kn < 0.57
     assert 0.7 < at_3_kn < 0.85
 
@@ -98,15 +98,15 @@ def check_own_law(runs: Any) -> None:
 
 
 def check_networked_prediction(runs: Any) -> None:
-    ours_m, published_m = (run.lateral_error_peak_m for run in runs.values())
+    ours_m, published_m = (run.preview_peak_m for run in runs.values())
     assert 0.008 < ours_m < 0.02
     assert 0.07 < published_m < 0.15
 
 
 def check_packetised_mpc(runs: Any) -> None:
     lq, mpc = runs.values()
-    assert lq.lateral_error_peak_m > 1.0
-    assert 0.3 < mpc.lateral_error_peak_m < 0.7
+    assert lq.preview_peak_m > 1.0
+    assert 0.3 < mpc.preview_peak_m < 0.7
     # The limit is reached, and kept where a plan follows another.
     for run in (lq, mpc):
         wheel_rad_s = np.max(np.abs(np.diff(run.plant.wheel_angle_rad))) / 0.01
@@ -220,7 +220,7 @@ def test_a_controller_from_the_dbc_alone_holds_the_path_as_ours_does() -> None:
     assert report["rejected"] == {}
     assert report["failure"] == ""
     ours = simulate(controller="practical_pd", duration_s=20.0)
-    assert report["lateral_error_rms_m"] == pytest.approx(ours.lateral_error_rms_m, rel=0.05)
+    assert report["preview_rms_m"] == pytest.approx(ours.preview_rms_m, rel=0.05)
 
 
 def test_it_drives_a_plant_in_another_process(tmp_path: Path) -> None:

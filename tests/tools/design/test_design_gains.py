@@ -240,7 +240,6 @@ fallback = "practical_pd_ddob"
 delay_ms_max = 100
 delay_step_ms = 100
 generations = 1
-steer_noise_rad_max = 10
 [[predictor.conditions]]
 mean_ms = 50
 error_m_max = {limit}

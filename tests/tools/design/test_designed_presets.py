@@ -89,7 +89,7 @@ def test_the_ddob_preset_keeps_under_jitter_what_its_file_states() -> None:
         if asked.vehicle == VehicleSettings(**FAST_HEAVY._asdict())
     ]
     for asked, rms in zip(worst, stated, strict=True):
-        assert drive(asked, settings).rms_m == pytest.approx(rms, abs=6e-5)
+        assert drive(spec, asked, settings).rms_m == pytest.approx(rms, abs=6e-5)
         assert rms < RMS_M_MAX
 
 
@@ -107,7 +107,7 @@ def test_a_designed_predictor_says_what_is_measured_anew(
     with ThreadPoolExecutor(2) as pool:
         design = describe_predictor(Task(pool, spec, spec.predictor, box), settings)
     said = re.findall(
-        r"^#   (RMS error|jitter|noise|peak sensitivity|largest error|without echoes) +(.*)$",
+        r"^#   (RMS error|jitter|noise gain|peak sensitivity|largest error|without echoes) +(.*)$",
         text.text,
         re.MULTILINE,
     )

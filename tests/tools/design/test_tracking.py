@@ -40,7 +40,7 @@ from steer_by_wire.tools.design.loop_figures import (
     stability_grid,
 )
 from steer_by_wire.tools.design.tracking import (
-    lateral_error_m,
+    deviation_m,
     rms_m,
     track,
     tracking_grid,
@@ -146,7 +146,7 @@ def test_the_error_over_time_is_that_of_a_run_without_limits(
 ) -> None:
     corner, path, delay_ns = where
     result = drive(law, CORNERS[corner], path, delay_ns)
-    run_m = result.trace.lateral_error_m
+    run_m = result.trace.deviation_m
     grid = tracking_grid(
         [MODELS[corner]],
         unsteered(path, CORNERS[corner], len(run_m) + 1)[:, None, None],
@@ -154,7 +154,7 @@ def test_the_error_over_time_is_that_of_a_run_without_limits(
         PERIOD_NS,
     )
     design = design_law(preset(law))
-    linear_m = lateral_error_m(grid, design)[0, 0, 0, 1:]
+    linear_m = deviation_m(grid, design)[0, 0, 0, 1:]
     assert np.abs(linear_m - run_m).max() < 3e-5  # the wire's resolution is 5e-6 m, 1e-5 rad
     rms_run_m = float(np.sqrt(np.mean(np.square(run_m))))
     assert rms_m(grid, design)[0, 0, 0] == pytest.approx(rms_run_m, rel=1e-3)
@@ -166,14 +166,14 @@ def test_the_error_over_time_is_that_of_a_run_without_limits(
 
 def test_an_actuator_lag_is_a_part_of_the_plant() -> None:
     corner, delay_ns, lag_s = CORNERS[3], 100 * MS_NS, 0.1
-    run_m = drive("pd_ddob", corner, ELLIPSE, delay_ns, lag_s).trace.lateral_error_m
+    run_m = drive("pd_ddob", corner, ELLIPSE, delay_ns, lag_s).trace.deviation_m
     grid = tracking_grid(
         [behind_lag(MODELS[3], lag_s)],
         unsteered(ELLIPSE, corner, len(run_m) + 1)[:, None, None],
         [delay_ns],
         PERIOD_NS,
     )
-    linear_m = lateral_error_m(grid, design_law(preset("pd_ddob")))[0, 0, 0, 1:]
+    linear_m = deviation_m(grid, design_law(preset("pd_ddob")))[0, 0, 0, 1:]
     assert np.abs(linear_m - run_m).max() < 3e-5
 
 
@@ -182,7 +182,7 @@ def test_the_steer_rate_is_the_largest_step_of_the_command() -> None:
     free = unsteered(ELLIPSE, CORNERS[2], ticks)[:, None, None]
     grid = tracking_grid([MODELS[2]], free, [0], PERIOD_NS)
     steer_rad, state, commands_rad = 0.0, design.initial_state(0.0), []
-    for error_m in lateral_error_m(grid, design)[0, 0, 0]:
+    for error_m in deviation_m(grid, design)[0, 0, 0]:
         state, output = design.step(design.params, state, LawInput(float(error_m), steer_rad))
         steer_rad = output.steer_rad
         commands_rad.append(steer_rad)

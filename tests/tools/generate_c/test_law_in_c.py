@@ -21,7 +21,7 @@ TICKS = 3_000
 )
 def test_every_tick_has_the_same_bits(preset: str, compiler: str, tmp_path: Path) -> None:
     """The paper's has integrators, whose state at rest is a case of its own."""
-    settings = controller_preset(preset)
+    settings = controller_preset(preset, ["followed_point=preview"])
     driven = drawn(1, TICKS)
     expected, folder = in_python(settings, driven), written(settings, tmp_path)
     for target in hosts(compiler):
@@ -30,6 +30,7 @@ def test_every_tick_has_the_same_bits(preset: str, compiler: str, tmp_path: Path
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_cortex_m7_has_them_too(law: str, tmp_path: Path) -> None:
-    target, settings, driven = m7("-O2"), controller_preset(f"practical_{law}"), drawn(2, 1000)
+    settings = controller_preset(f"practical_{law}", ["followed_point=preview"])
+    target, driven = m7("-O2"), drawn(2, 1000)
     program = built(written(settings, tmp_path), target)
     assert differing(in_python(settings, driven), in_c(program, driven, target.runner)) == -1

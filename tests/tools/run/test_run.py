@@ -44,7 +44,7 @@ def test_a_run_in_virtual_time_leaves_its_files_and_prints_its_figures(
     assert counts[CAN_IDS[SteeringCommand]] == pytest.approx(200, abs=2)
     assert counts[CAN_IDS[LateralError]] == pytest.approx(200, abs=2)
     printed = capsys.readouterr().out
-    assert f"{1e3 * plant['node']['lateral_error_rms_m']:.2f} mm" in printed
+    assert f"{1e3 * plant['node']['preview_rms_m']:.2f} mm" in printed
 
 
 @pytest.mark.parametrize(

@@ -78,19 +78,18 @@ def by_delay(study: StudyRecord, rows: Rows) -> LawByDelay:
 
 
 def test_the_predictor_holds_half_a_second_and_the_observers_do_not(tmp_path: Path) -> None:
-    laws = ("PD+DDOB", "predictor", "predictor, CG")
+    laws = ("PD+DDOB", "predictor", "PID, preview point")
     compare = cut(read_file(SHIPPED / "compare.toml"), laws, mean_s=(0.0, 0.5))
     found = by_delay(*computed(tmp_path, compare))
     assert (found.controllers, found.delays_ms) == (laws, (0.0, 500.0))
     constant, newest_wins, in_order, lost, lag = range(5)
     assert found.conditions[constant] == "constant delay"
     assert found.conditions[lag] == "actuator lag 0.27 s"
-    ddob, predictor, of_cg = range(3)
+    ddob, predictor, of_preview = range(3)
     for condition in (constant, newest_wins, in_order, lost):
         assert found.settled_m[condition, predictor, 1] < 0.003
     assert found.settled_m[constant, ddob, 1] > 0.1
-    assert found.cg_m[constant, predictor, 1] > 0.05
-    assert 1e-4 < found.settled_m[constant, of_cg, 1] == found.cg_m[constant, of_cg, 1] < 0.004
+    assert found.settled_m[constant, of_preview, 0] > 0.05
     assert found.settled_m[lag, predictor, 1] < 0.02
     # Newest wins, what acts is younger than the mean, and hides what jitter does in order.
     assert found.settled_m[newest_wins, ddob, 1] < 0.01
@@ -104,7 +103,8 @@ def test_the_predictor_holds_half_a_second_and_the_observers_do_not(tmp_path: Pa
     assert [cell.text for cell in breaks.rows[ddob]] == ["PD+DDOB", "500", "-", "500", "500", "500"]
     assert rms.rows[ddob][-1].text == peaks.rows[ddob][-1].text == "-"
     assert len(section.tables) == 1 + 2 * len(found.conditions)
-    (legend,) = draw_error_over_delay(found, ("predictor", "PD+DDOB")).legends
+    law = {"PD+DDOB": "pd_ddob", "predictor": "predictor"}
+    (legend,) = draw_error_over_delay(found, ("predictor", "PD+DDOB"), law).legends
     assert [text.get_text() for text in legend.get_texts()] == [
         "predictor: holds throughout",
         "PD+DDOB: breaks at 500 ms",
@@ -149,7 +149,7 @@ def test_inside_the_box_the_predictor_holds_the_car_itself_on_the_path(tmp_path:
         """
 [base]
 plant_preset = "paper_nominal"
-variants.cg = { preset = "practical_predictor", controller.followed_point = "centre_of_gravity" }
+variants.car = { preset = "practical_predictor" }
 plant = { duration_s = 60.0, path = "practical_ellipse", safety.ftti_ms = "off" }
 [[factors]]
 key = "plant.vehicle.speed_m_s"
@@ -171,7 +171,7 @@ count = 16
     )
     table = run_study(file)
     assert {delay_s > 0.25 for delay_s in table["mean_s"].tolist()} == {True, False}
-    assert 1e-4 < table["settled_cg_rms_m"].min() <= table["settled_cg_rms_m"].max() < 8e-3
+    assert 1e-5 < table["settled_rms_m"].min() <= table["settled_rms_m"].max() < 8e-3
 
 
 # Variants of a controller

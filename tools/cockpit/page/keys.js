@@ -9,7 +9,7 @@ const SIGNS_TEXT = [
   ["deviation", "from the path to the preview point, drawn ×1 or ×10; left is up and positive"],
   ["latency", "what the network adds to one frame, as the plant reports it ten times a second"],
   ["round trip", "from a command to the first measurement that shows it in effect"],
-  ["RMS, peak", "of every lateral error since the start, or since they were reset"],
+  ["RMS, peak", "of the car's deviation from the path since the start, or since they were reset"],
 ];
 
 const NAMES = { " ": "space", ArrowLeft: "←", ArrowRight: "→" };

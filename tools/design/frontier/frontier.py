@@ -7,16 +7,16 @@ from typing import Any
 
 from ....closed_loop.processes.parallel_work import worker_pool
 from ....closed_loop.reports.plot_style import plot_style
+from ....controller.laws.predictor import NAME as PREDICTOR
 from ....runtime.exit_status import ExitStatus
 from ....runtime.output_file import open_text
 from ..search.law_parameters import KEYS
 from ..searches import Searches, begin_worker, report_from
 from ..vehicle_file import VehicleFile
 from .picture import draw_frontier
-from .points import PREDICTOR, Point, designed_points, predictor_points
+from .points import Point, designed_points, predictor_points
 from .settings import STRUCTURES, FrontierSettings
 
-ALL = (*STRUCTURES, PREDICTOR)
 WORKERS = 2
 
 
@@ -28,17 +28,17 @@ def run_frontier(
     Ctrl-C ends it with what is done. Raises OSError where the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    searches = Searches(program, ALL)
+    searches = Searches(program, asked.structures)
     with (
         worker_pool(WORKERS, begin_worker, searches.shared) as pool,
         searches.stopped_by_ctrl_c(),
     ):
         futures = {
             name: pool.submit(compute, asked, vehicle, name)
-            for name in sorted(ALL, key=_effort, reverse=True)
+            for name in sorted(asked.structures, key=_effort, reverse=True)
         }
         searches.watch(futures)
-    done = [futures[name] for name in ALL if not futures[name].cancelled()]
+    done = [futures[name] for name in asked.structures if not futures[name].cancelled()]
     points = [point for future in done for point in future.result()]
     write_csv(points, folder / "frontier.csv")
     with plot_style():
@@ -51,19 +51,21 @@ def run_frontier(
 
 def _effort(structure: str) -> int:
     """Return a rough measure of the time that a search takes."""
-    if structure not in STRUCTURES:
-        return 0
-    law, _, q_kinds = STRUCTURES[structure]
-    return len(KEYS[law]) * len(q_kinds)
+    law, q_kinds = STRUCTURES[structure].law, STRUCTURES[structure].q_kinds
+    return len(KEYS.get(law, ())) * len(q_kinds)
 
 
 def compute(asked: FrontierSettings, vehicle: VehicleFile, structure: str) -> list[Point]:
     """Return a structure's points, the shortest delay first."""
+    report = report_from(asked.structures.index(structure))
+
+    def done(share: float) -> None:
+        report(share, 0.0)
+
     if structure == PREDICTOR:
-        points = predictor_points(asked, vehicle)
+        points = predictor_points(asked, vehicle, done)
     else:
-        report = report_from(ALL.index(structure))
-        points = designed_points(asked, vehicle, structure, lambda share: report(share, 0.0))
+        points = designed_points(asked, vehicle, structure, done)
     return [*points][::-1]
 
 
@@ -85,9 +87,13 @@ def _shown(value: Any) -> str:
 
 
 def _table(asked: FrontierSettings, points: Sequence[Point]) -> Iterator[str]:
-    """Yield RMS errors [mm], a structure a line; a dash where there is no design."""
-    yield "RMS [mm] at a guaranteed delay of" + "".join(f"{ms:>9g}" for ms in asked.delays_ms)
-    by_place = {(point.structure, point.delay_ms): f"{1e3 * point.rms_m:.3g}" for point in points}
-    for name in ALL:
-        figures = "".join(f"{by_place.get((name, ms), '-'):>9}" for ms in asked.delays_ms)
-        yield f"  {name:31}{figures}"
+    """Yield the car's RMS [mm], a structure a line; a dash where there is no design."""
+    for what, figure in (("without", "rms_m"), ("with", "noisy_rms_m")):
+        head = f"RMS of the car [mm], {what} noise, at a guaranteed delay of"
+        yield head + "".join(f"{ms:>9g}" for ms in asked.delays_ms)
+        by_place = {(one.structure, one.delay_ms): getattr(one, figure) for one in points}
+        for name in asked.structures:
+            found = [by_place.get((name, ms)) for ms in asked.delays_ms]
+            figures = "".join(f"{'-' if m is None else f'{1e3 * m:.3g}':>9}" for m in found)
+            reads = STRUCTURES[name].reads
+            yield f"  {name:18}{f'reads {reads}':<{len(head) - 20}}{figures}"

@@ -13,23 +13,29 @@ from ....controller.analysis.stable_delays import delay_margin_ns, stable_delays
 from ....controller.filters.settings import QKind
 from ....controller.filters.transfer_function import TransferFunction
 from ....controller.laws.feed_forward import FeedForwardSettings
-from ....controller.laws.law_from_settings import design_law
+from ....controller.laws.law_from_settings import design_law, required
+from ....controller.laws.predictor import NAME as PREDICTOR
 from ....controller.settings import ControllerSettings, controller_preset
-from ....runtime.node import NS_PER_MS, NS_PER_S
+from ....runtime.node import NS_PER_MS
 from ..demands import Study, judge_law, make_study
 from ..loop_figures import behind_lag
+from ..predictor_design import design_predictor, predictor_demands
 from ..search.evolution import Values
-from ..search.law_parameters import controller_settings
+from ..search.law_parameters import controller_settings, with_set_point
 from ..search.parameter_search import find
-from ..specification import DelayTable, DStabilityTable, Specification, controller_law
+from ..specification import (
+    DelayTable,
+    DStabilityTable,
+    PredictorTable,
+    Specification,
+    controller_law,
+)
 from ..vehicle_file import VehicleFile
-from .runs import noisy_rms_m, worst_rms_m
+from .runs import noisy_rms_m
 from .settings import STRUCTURES, FrontierSettings
 
-PREDICTOR = "predictor"
-"""Not designed here: the shipped preset, at the noise that it was designed for. It reads heading
-error, speed and the echoes of its commands too."""
-PREDICTOR_PRESET = "practical_predictor"
+FALLBACK_PRESET = "practical_half_second_pd_ddob"
+"""Without echoes the predictor falls back to it, which no run here asks for."""
 _WITHOUT = frozenset({"settling", "PD settling", "PD damping", "PD bandwidth"})
 """Demands that are not made: they say what a loop is like at delays that it meets with ease."""
 _STEPS = 12
@@ -44,7 +50,7 @@ class Point(NamedTuple):
     """A structure at its best for a delay.
 
     ``delay_ms``     guaranteed: all demands hold for each constant delay up to it
-    ``rms_m``        of the preview point's error, worst of corners and delays, without noise
+    ``rms_m``        of the car, worst of corners and delays, without noise
     ``margin_ms``    delay at which the worst corner becomes unstable
     ``lagged_ms``    the same, behind an unknown lag of the steering of 0.1 s
     ``noisy_rms_m``  of a run of the nominal vehicle at the delay, with sensor noise
@@ -72,7 +78,7 @@ def designed_points(
 
     A search that is stopped ends it.
     """
-    law, _, q_kinds = STRUCTURES[structure]
+    law, q_kinds = STRUCTURES[structure].law, STRUCTURES[structure].q_kinds
     known: dict[QKind, Values] = {}
     searches = len(asked.delays_ms) * len(q_kinds)
     for index, delay_ms in enumerate(reversed(asked.delays_ms)):
@@ -105,20 +111,19 @@ def study(
     q_kind: QKind = "type_2",
 ) -> Study:
     """Return what a structure is judged by at a delay, coarse for the search or fine."""
-    law, takes_map, _ = STRUCTURES[structure]
-    spec = specification_for(asked, law, delay_ms, q_kind)
-    first_tick = max(1, round(asked.ignore_s * NS_PER_S / spec.period_ns))
-    return make_study(
-        spec, vehicle, fine=fine, without=_WITHOUT, takes_map=takes_map, first_tick=first_tick
-    )
+    takes_map = STRUCTURES[structure].takes_map
+    spec = specification_for(asked, structure, delay_ms, q_kind)
+    return make_study(spec, vehicle, fine=fine, without=_WITHOUT, takes_map=takes_map)
 
 
 def point_of(
     asked: FrontierSettings, fine: Study, structure: str, values: Values, judged: int = 1
 ) -> Point:
     """Return the figures of a structure with these parameters, whether it meets them or not."""
-    (law, takes_map, _), spec, vehicle = STRUCTURES[structure], fine.spec, fine.vehicle
+    law, takes_map = STRUCTURES[structure].law, STRUCTURES[structure].takes_map
+    spec, vehicle = fine.spec, fine.vehicle
     settings = controller_settings(spec, vehicle, law, values)
+    whole = with_map(with_set_point(spec, settings), takes_map)
     demands = {demand.name: demand.value for demand in judge_law(fine, law, values).demands}
     lagged = [behind_lag(model, LAG_S) for model in vehicle.models]
     return Point(
@@ -129,7 +134,7 @@ def point_of(
         demands.get("peak sensitivity", math.inf),
         _margin_ms(settings, vehicle.models),
         _margin_ms(settings, lagged),
-        noisy_rms_m(asked, vehicle, with_map(settings, takes_map), spec.delay.ms_max),
+        noisy_rms_m(asked, vehicle, whole, spec.delay.ms_max),
         judged,
         values,
         spec.dob_q_kind if "dob" in values else None,
@@ -144,32 +149,59 @@ def with_map(settings: ControllerSettings, takes_map: bool) -> ControllerSetting
 
 
 def specification_for(
-    asked: FrontierSettings, law: str, delay_ms: float, q_kind: QKind = "type_2"
+    asked: FrontierSettings, structure: str, delay_ms: float, q_kind: QKind = "type_2"
 ) -> Specification:
     """Return what a structure has to meet at every delay up to one."""
     step_ms = max(_STEP_MS_MIN, delay_ms / _STEPS)
     return Specification(
         name="frontier",
-        laws=(controller_law(law),),
+        laws=(controller_law(STRUCTURES[structure].law),),
         rate_hz=asked.rate_hz,
         peak_sensitivity_max=asked.peak_sensitivity_max,
         noise_gain_rad_m_max=asked.noise_gain_rad_m_max,
         dob_q_kind=q_kind,
         delay=DelayTable(ms_max=delay_ms, step_ms=step_ms, margin_ms=asked.margin_share * delay_ms),
         d_stability=DStabilityTable(settling_1_s=0.1, bandwidth_rad_s=5.0),
+        ignore_s=asked.ignore_s,
+        follows_car=STRUCTURES[structure].follows_car,
         course=asked.course,
         search=asked.search,
+        predictor=PredictorTable(
+            delay_ms_max=delay_ms,
+            delay_step_ms=0.5 * delay_ms,
+            margin_ms=asked.margin_share * delay_ms,
+            fallback=FALLBACK_PRESET,
+            generations=asked.predictor_generations,
+        ),
     )
 
 
-def predictor_points(asked: FrontierSettings, vehicle: VehicleFile) -> Iterator[Point]:
-    """Yield the shipped predictor at each delay, the longest first."""
-    settings = controller_preset(PREDICTOR_PRESET)
-    for delay_ms in reversed(asked.delays_ms):
-        worst_m, noisy_m = (
-            rms_m(asked, vehicle, settings, delay_ms) for rms_m in (worst_rms_m, noisy_rms_m)
-        )
-        yield Point(PREDICTOR, delay_ms, worst_m, noisy_rms_m=noisy_m)
+def predictor_points(
+    asked: FrontierSettings, vehicle: VehicleFile, done: Callable[[float], None]
+) -> Iterator[Point]:
+    """Yield the predictor's point for each delay, the longest first."""
+    fallback = controller_preset(FALLBACK_PRESET)
+    for index, delay_ms in enumerate(reversed(asked.delays_ms)):
+
+        def progress(share: float, _best: float, index: int = index) -> None:
+            done((index + share) / len(asked.delays_ms))
+
+        spec = specification_for(asked, PREDICTOR, delay_ms)
+        table = required(spec.predictor)
+        design = design_predictor(spec, table, vehicle, fallback, progress)
+        if not design.ended:
+            return
+        if not any(demand.excess for demand in predictor_demands(spec, table, design)):
+            yield Point(
+                PREDICTOR,
+                delay_ms,
+                float(design.settled_rms_m.max()),
+                design.noise_gain_rad_m,
+                design.peak_sensitivity,
+                noisy_rms_m=noisy_rms_m(asked, vehicle, design.settings, delay_ms),
+                judged=design.judged,
+                values=design.values,
+            )
 
 
 def _margin_ms(settings: ControllerSettings, models: Sequence[TransferFunction]) -> float:

@@ -2,7 +2,7 @@
 
 from typing import Annotated, NamedTuple, Self
 
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, Field, PositiveFloat, model_validator
 
 from ....controller.filters.settings import QKind
 from ....runtime.settings import Settings
@@ -12,27 +12,42 @@ from ..specification import CourseTable, DelayMs, SearchTable
 class Structure(NamedTuple):
     """What a law consists of.
 
-    ``law``        in the settings of the controller
-    ``takes_map``  whether the curvature of the map is added, by [feed_forward]
-    ``q_kinds``    filters of the DOB, of which the better one is taken
+    ``law``          in the settings of the controller
+    ``reads``        beside the lateral error
+    ``follows_car``  whether it has the set point that puts the car on the path
+    ``takes_map``    whether the curvature of the map is added, by [feed_forward]
+    ``q_kinds``      filters of the DOB, of which the better one is taken
     """
 
     law: str
+    reads: str = "curvature, speed"
+    follows_car: bool = True
     takes_map: bool = False
     q_kinds: tuple[QKind, ...] = ("type_2",)
 
 
 STRUCTURES = {
+    "PD, error alone": Structure("pd", "nothing", follows_car=False),
+    "PID, error alone": Structure("pid", "nothing", follows_car=False),
     "PD": Structure("pd"),
     "PD + map": Structure("pd", takes_map=True),
     "PD + CDOB": Structure("pd_cdob"),
     "PD + DOB": Structure("pd_dob", q_kinds=("type_2", "order_2")),
     "PD + DDOB": Structure("pd_ddob", q_kinds=("type_2", "order_2")),
     "PID": Structure("pid"),
-    "PID + heading": Structure("pid_heading"),
+    "PID + heading": Structure("pid_heading", "curvature, speed, heading"),
+    "predictor": Structure("predictor", "curvature, speed, heading, echoes"),
 }
-"""All that the linear search can design. The map's curvature comes from VEHICLE_STATE; apart from
-that and the heading error, each reads the lateral error and its own commands only."""
+"""What is compared. Curvature and speed come from VEHICLE_STATE."""
+
+
+def _known(name: str) -> str:
+    if name not in STRUCTURES:
+        raise ValueError(f"is not one of {', '.join(STRUCTURES)}")
+    return name
+
+
+StructureName = Annotated[str, AfterValidator(_known)]
 
 
 class FrontierSettings(Settings):
@@ -47,6 +62,8 @@ class FrontierSettings(Settings):
     """Standard deviation of the steer for white noise of 1 m standard deviation."""
     ignore_s: Annotated[float, Field(ge=0.0, le=600.0)] = 5.0
     """At the start of each run, while it settles on the path."""
+    predictor_generations: Annotated[int, Field(ge=1, le=10_000)] = 12
+    structures: Annotated[tuple[StructureName, ...], Field(min_length=1)] = tuple(STRUCTURES)
     course: CourseTable
     search: SearchTable = SearchTable()
 

@@ -100,6 +100,12 @@ def controller_settings(
     )
 
 
+def with_set_point(spec: Specification, settings: ControllerSettings) -> ControllerSettings:
+    """Return a design with the set point that it has in a run; its loop is the same."""
+    point = "centre_of_gravity" if spec.follows_car else "preview"
+    return settings.model_copy(update={"followed_point": point})
+
+
 def validity(vehicle: VehicleFile, delay_ms_max: float) -> ValiditySettings:
     """Return what a design for a box and a delay holds for."""
     return ValiditySettings(**vehicle.uncertainty.given(), delay_ms_max=delay_ms_max)
