@@ -198,4 +198,5 @@ def test_the_image_installs_what_the_script_does_and_copies_what_is_there() -> N
     links = [path for path in (ROOT / "steer_by_wire").iterdir() if path.is_symlink()]
     wanted = {link.readlink().parts[1] for link in links}  # ../FOLDER
     wanted |= {"LICENSE", "README.md", "pyproject.toml", "setup.py", "steer_by_wire"}
+    wanted.add("requirements.lock")
     assert sorted(kept) == sorted(f"!{name}" for name in wanted)

@@ -1,6 +1,8 @@
 """Package that ``pip install .`` makes: what it brings along, and that it works anywhere."""
 
 import configparser
+import hashlib
+import json
 import os
 import re
 import subprocess
@@ -99,6 +101,27 @@ def test_the_wheel_holds_the_dbc_every_preset_every_module_and_page(wheel: zipfi
     wanted.add("steer_by_wire/tools/cockpit/page/vendor/uPlot.LICENSE")
     assert "steer_by_wire/dbc/steer_by_wire.dbc" in wanted
     assert wanted - set(wheel.namelist()) == set()
+
+
+def test_what_is_copied_from_others_is_what_the_bill_of_materials_says() -> None:
+    folder = ROOT / "tools" / "cockpit" / "page" / "vendor"
+    entry = json.loads((folder / "uPlot.cdx.json").read_text(encoding="utf-8"))
+    files = {one["name"]: one["hashes"][0]["content"] for one in entry["components"]}
+    assert {*files} == {file.name for file in folder.glob("*.min.*")}
+    for name, digest in files.items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+    assert f"(v{entry['version']})" in (folder / "uPlot.iife.min.js").read_text(encoding="utf-8")
+
+
+def test_the_source_is_the_same_bytes_whenever_it_is_packed(source: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "setup.py", "-q", "sdist", "--formats=gztar", "--dist-dir"]
+    environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}
+    packed = []
+    for name in ("one", "two"):
+        subprocess.run([*command, tmp_path / name], cwd=source, env=environment, check=True)
+        (file,) = (tmp_path / name).iterdir()
+        packed.append(file.read_bytes())
+    assert packed[0] == packed[1]
 
 
 def test_the_wheel_holds_no_tests_and_nothing_generated(wheel: zipfile.ZipFile) -> None:
