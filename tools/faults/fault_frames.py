@@ -15,7 +15,7 @@ from .forged_frames import ForgedFrames
 from .live_faults import LiveFault, LiveKind
 
 PERIOD_NS = 10_000_000
-"""Period of forged and malformed frames unless the magnitude sets it: that of the pair's own."""
+"""Period of forged commands: that of the pair's own."""
 FRAMES_AT_ONCE = 200
 """Limit after a stall of the machine; a flood is limited by the bus alone."""
 _HIGHEST_PRIORITY_ID = 0x000
@@ -87,36 +87,20 @@ def frame_source(
         return FrameSource(fault, start_ns, lambda _: (), lambda _: NEVER_NS, follow)
     if fault.kind is LiveKind.BABBLE:
         return FrameSource(fault, start_ns, _babble, _babble_times(fault, bitrate_bit_s))
-    period_ns = PERIOD_NS
-    if fault.kind in (LiveKind.NOISE, LiveKind.WRONG_IDENTIFIER):
-        period_ns = round(NS_PER_S / fault.magnitude)
-    produce = _producer(fault, draws, forged)
-    return FrameSource(fault, start_ns, produce, lambda index: index * period_ns)
-
-
-def _producer(fault: LiveFault, draws: random.Random, forged: ForgedFrames) -> Produce:
     first = draws.randrange(COMMAND_COUNTERS)
     if fault.kind is LiveKind.SPOOF:
-        return lambda index: (forged.command(fault.magnitude, first + index),)
-    if fault.kind is LiveKind.NOISE:
-        received = forged.command(0.0, 0), forged.measurement(0)
-        return lambda _index: (_noise(draws, received),)
-    left = int(fault.magnitude)
-    spoils: dict[LiveKind, Callable[[Frame], Frame]] = {
-        LiveKind.BIT_FLIPS: lambda frame: _flipped(frame, fault.magnitude, draws),
-        LiveKind.WRONG_LENGTH: lambda frame: frame._replace(data=frame.data[:left]),
-        LiveKind.WRONG_IDENTIFIER: forged.moved,
-    }
-    spoil = spoils[fault.kind]
 
-    def true_ones(number: int) -> Iterator[Frame]:
-        """Yield well-formed frames for the receivers, for a fault to spoil."""
-        if fault.to in ("plant", "both"):
-            yield forged.command(0.0, number)
-        if fault.to in ("controller", "both"):
-            yield forged.measurement(number)
+        def spoof(index: int) -> Sequence[Frame]:
+            return (forged.command(fault.magnitude, first + index),)
 
-    return lambda index: tuple(map(spoil, true_ones(first + index)))
+        return FrameSource(fault, start_ns, spoof, lambda index: index * PERIOD_NS)
+    received = forged.command(0.0, 0), forged.measurement(0)
+    period_ns = round(NS_PER_S / fault.magnitude)
+
+    def noise(_index: int) -> Sequence[Frame]:
+        return (_noise(draws, received),)
+
+    return FrameSource(fault, start_ns, noise, lambda index: index * period_ns)
 
 
 def _babble(index: int) -> Sequence[Frame]:
@@ -130,15 +114,6 @@ def _babble_times(fault: LiveFault, bitrate_bit_s: int) -> Callable[[int], int]:
     bits = frame_bits(_babble(0)[0]).nominal + INTERMISSION_BITS
     period_ns = round(bits * NS_PER_S / bitrate_bit_s / fault.magnitude)
     return lambda index: index * period_ns
-
-
-def _flipped(frame: Frame, chance: float, draws: random.Random) -> Frame:
-    """Flip each bit with a chance, and at least one: otherwise it would be a spoofed frame."""
-    bits = 8 * len(frame.data)
-    mask = sum(1 << bit for bit in range(bits) if draws.random() < chance)
-    mask = mask or 1 << draws.randrange(bits)
-    word = int.from_bytes(frame.data, "little") ^ mask
-    return frame._replace(data=word.to_bytes(len(frame.data), "little"))
 
 
 def _noise(draws: random.Random, received: Sequence[Frame]) -> Frame:

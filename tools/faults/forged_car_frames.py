@@ -39,12 +39,6 @@ class CarFrames:
             return None
         return self._command.frame(_commanding(steer_rad), reading.counter + 1)
 
-    def moved(self, frame: Frame) -> Frame:
-        """Return the content of the other message under the identifier of this frame."""
-        is_command = frame.can_id == self._command.can_id
-        other = self.measurement(0) if is_command else self.command(0.0, 0)
-        return frame._replace(data=other.data)
-
 
 def _commanding(steer_rad: float) -> Mapping[Quantity, float]:
     return {**dict.fromkeys(Quantity, 0.0), Quantity.STEER: steer_rad, Quantity.ENGAGED: 1.0}

@@ -11,8 +11,6 @@ from ...dbc.messages import (
     Mode,
     SteeringCommand,
     SteeringPlan,
-    SteeringStatus,
-    SteeringStatusCode,
     decode,
     encode,
 )
@@ -33,10 +31,6 @@ class ForgedFrames(Protocol):
 
     def next_of(self, frame: Frame, steer_rad: float) -> Frame | None:
         """Return the command that would follow a frame; None for a frame that is no command."""
-        ...
-
-    def moved(self, frame: Frame) -> Frame:
-        """Return the content of another message under the identifier of this frame."""
         ...
 
 
@@ -65,12 +59,3 @@ class OurFrames:
         if frame.can_id != CAN_IDS[SteeringCommand]:
             return None
         return OURS.with_value(frame, "steer_rad", lambda _name, _value: steer_rad, steps=1)
-
-    def moved(self, frame: Frame) -> Frame:
-        """Return the content of a status under the identifier of this frame."""
-        decoded = decode(frame)
-        counter = decoded.counter if isinstance(decoded, Decoded) else 0
-        status = SteeringStatus(
-            wheel_angle_rad=0.0, applied_counter=0, status=SteeringStatusCode.APPLYING
-        )
-        return frame._replace(data=encode(status, counter).data)

@@ -11,7 +11,6 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
     LateralError,
-    Rejection,
     SteeringCommand,
     decode,
     encode,
@@ -61,17 +60,15 @@ def sent(source: FrameSource, step_ns: int = 1_000_000) -> list[tuple[int, Frame
 def test_a_fault_is_its_kind_and_what_is_said_of_it() -> None:
     assert parse_fault("spoof") == LiveFault(LiveKind.SPOOF, 0.0, 1.0, 0.5)
     assert parse_fault("spoof,onset_s=2,magnitude=-0.1,duration_s=3").end_s == 5.0
-    assert parse_fault("bit_flips,to=plant").to == "plant"
 
 
 @pytest.mark.parametrize("kind", sorted(MAGNITUDES))
 def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: LiveKind) -> None:
-    what, low, high, default, is_whole = MAGNITUDES[kind]
+    what, low, high, default = MAGNITUDES[kind]
     assert parse_fault(kind).magnitude == default
-    step = 1.0 if is_whole else 1e-6
     for good in (low, high):
         assert parse_fault(f"{kind},magnitude={good!r}").magnitude == good
-    for bad in (low - step, high + step):
+    for bad in (low - 1e-6, high + 1e-6):
         with pytest.raises(ValueError, match=f"{kind}: magnitude .* must be") as error:
             parse_fault(f"{kind},magnitude={bad!r}")
         assert what in str(error.value)
@@ -86,12 +83,7 @@ def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: Live
         ("spoof,onset_s", "spoof: 'onset_s' is not KEY=VALUE"),
         ("spoof,onset_s=1,onset_s=2", "spoof: onset_s is given twice"),
         ("spoof,onset_s=nan", "spoof: onset_s must be 0 to 100000, not 'nan'"),
-        (
-            "wrong_length,magnitude=2.5",
-            "wrong_length: magnitude .* must be 0 to 7, whole, not '2.5'",
-        ),
         ("noise,to=plant", "noise: 'to=plant' is not KEY=VALUE"),
-        ("bit_flips,to=me", "bit_flips: to must be plant, controller, both, not 'me'"),
     ],
 )
 def test_a_mistake_in_a_fault_is_one_clear_line(text: str, complaint: str) -> None:
@@ -149,7 +141,7 @@ def test_the_same_seed_sends_the_same_frames_at_the_same_times(kind: LiveKind) -
         assert first
         assert first[0][0] == START_NS + 20_000_000
         assert first[-1][0] < START_NS + 120_000_000
-    if kind in (LiveKind.SPOOF, LiveKind.BIT_FLIPS, LiveKind.NOISE):
+    if kind in (LiveKind.SPOOF, LiveKind.NOISE):
         assert sent(source_of(text, 6)) != first
 
 
@@ -182,30 +174,6 @@ def test_who_listens_forges_the_next_command_and_only_while_it_is_time() -> None
     assert source.on_frame(true._replace(data=bytes(8)), onset_ns) == ()
 
 
-@pytest.mark.parametrize(
-    ("text", "rejection"),
-    [
-        ("bit_flips,magnitude=0.001", Rejection.BAD_CRC),
-        ("wrong_length,magnitude=7", Rejection.WRONG_LENGTH),
-        ("wrong_length,magnitude=0", Rejection.WRONG_LENGTH),
-        ("wrong_identifier", Rejection.MASQUERADED),
-    ],
-)
-def test_a_malformed_frame_is_refused_for_what_is_wrong_with_it(
-    text: str, rejection: Rejection
-) -> None:
-    both = [frame for _, frame in sent(source_of(text))]
-    assert {decode(frame) for frame in both} == {rejection}
-    ids = {frame.can_id for frame in both}
-    plant, controller = (
-        {frame.can_id for _, frame in sent(source_of(f"{text},to={to}"))}
-        for to in ("plant", "controller")
-    )
-    assert plant == {COMMAND_ID}
-    assert ids == plant | controller
-    assert not plant & controller
-
-
 def test_half_of_the_noise_comes_where_somebody_listens() -> None:
     ids = [frame.can_id for _, frame in sent(source_of("noise,magnitude=2000,duration_s=2"))]
     heard = sum(can_id in (COMMAND_ID, CAN_IDS[LateralError]) for can_id in ids)
@@ -232,23 +200,15 @@ def test_a_node_that_babbles_at_full_load_always_has_a_frame_ready() -> None:
 
 
 CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"
-JUDGED = {
-    "spoof,magnitude=0.1": {},
-    "bit_flips,magnitude=0.1,to=plant": {"bad checksum": 100},
-    "wrong_length,magnitude=5,to=plant": {"wrong length": 100},
-    "wrong_identifier,magnitude=100,to=plant": {"wrong length": 100},
-}
 
 
-@pytest.mark.parametrize("text", JUDGED)
-def test_a_car_is_attacked_in_its_own_frames(text: str) -> None:
+def test_a_car_is_attacked_in_its_own_frames() -> None:
     dialect = read_dialect(CAR)
     overheard = listening_to(dialect)
-    for now_ns, frame in sent(source_of(text, forged=CarFrames(dialect))):
+    for now_ns, frame in sent(source_of("spoof,magnitude=0.1", forged=CarFrames(dialect))):
         assert frame.can_id == 0x100
         overheard.hear(frame, now_ns)
-    refused = JUDGED[text]
-    assert overheard.counts("STEER_REQUEST") == (0 if refused else 100, 0, 0, refused)
+    assert overheard.counts("STEER_REQUEST") == (100, 0, 0, {})
 
 
 def test_the_next_frame_of_a_car_is_forged() -> None:
