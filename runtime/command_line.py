@@ -25,11 +25,7 @@ from .exit_status import ExitStatus, UserError, cause_of, one_line
 DISTRIBUTION = "steer-by-wire-emulator"
 WIDTH_MAX = 100
 DURATION_S_MAX = 1e9
-_FULL_MEMORY = (
-    *("Cannot allocate memory", "failed to map segment", "can't start new thread"),
-    "Could not find/load shared object file 'libllvmlite",
-)
-"""What errors of the system, of the loader of libraries, and of llvmlite say of a full memory."""
+_OUT_OF_MEMORY = "out of memory (see ulimit -v, or free -h)"
 BLOCKED_S = 2.0
 """How long a line waits for a full pipe; then this line and all later ones are dropped."""
 
@@ -192,11 +188,10 @@ def start_program(
         return ExitStatus.INTERRUPTED
     except ModuleNotFoundError as error:
         say(name, f"error: {missing_library(error)}", sys.stderr)
-    except (ImportError, OSError, MemoryError, RuntimeError) as error:
-        line = _out_of_memory(error) or (isinstance(error, ImportError) and one_line(error))
-        if not line:
-            raise
-        say(name, f"error: {line}", sys.stderr)
+    except ImportError as error:
+        say(name, f"error: {one_line(error)}", sys.stderr)
+    except MemoryError:
+        say(name, f"error: {_OUT_OF_MEMORY}", sys.stderr)
     return ExitStatus.SETTINGS
 
 
@@ -240,8 +235,8 @@ def _line_and_status(error: Exception) -> tuple[str, ExitStatus] | None:
     can = sys.modules.get("can")
     if isinstance(error, UserError):
         return str(error), error.exit_status
-    if line := _out_of_memory(error):
-        return line, ExitStatus.SETTINGS
+    if isinstance(error, MemoryError):
+        return _OUT_OF_MEMORY, ExitStatus.SETTINGS
     if can is not None and isinstance(error, can.CanError):
         return str(error), ExitStatus.BUS
     if isinstance(error, OSError):
@@ -251,19 +246,6 @@ def _line_and_status(error: Exception) -> tuple[str, ExitStatus] | None:
         # Names on the command line may have any bytes; printing and storing need text.
         return f"{error.object[:60]}: is not UTF-8 text", ExitStatus.OUTPUT
     return None
-
-
-def _out_of_memory(error: BaseException | None) -> str:
-    """Return the line for an error that, or whose cause, tells of a full memory; else nothing."""
-    while error is not None:
-        if isinstance(error, MemoryError) or any(sign in str(error) for sign in _FULL_MEMORY):
-            place, at = "", error.__traceback__
-            while at is not None:
-                module = str(at.tb_frame.f_globals.get("__name__"))
-                place, at = (module if "steer_by_wire." in module else place), at.tb_next
-            return f"out of memory while in {place or 'a library'} (see ulimit -v, or free -h)"
-        error = error.__cause__ or error.__context__
-    return ""
 
 
 @contextmanager
