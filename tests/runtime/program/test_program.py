@@ -238,11 +238,11 @@ def test_ctrl_c_while_the_modules_of_a_program_are_read_is_no_traceback(
 ) -> None:
     class Interrupting:
         def find_spec(self, name: str, *_more: object) -> None:
-            if name == f"steer_by_wire.{package}.program":
+            if name == f"steer_by_wire.{package}.command_line.program":
                 raise KeyboardInterrupt
 
     program = import_module(f"steer_by_wire.{package}.__main__")
-    monkeypatch.delitem(sys.modules, f"steer_by_wire.{package}.program", raising=False)
+    monkeypatch.delitem(sys.modules, f"steer_by_wire.{package}.command_line.program", raising=False)
     monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
     assert program.main([]) == ExitStatus.INTERRUPTED
 
