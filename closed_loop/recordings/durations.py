@@ -35,12 +35,13 @@ class Durations:
     """Collects durations one at a time; their spread and intervals too.
 
     ``resolution_s``  of the level from which they are counted
+    ``level_error_s`` how far that level may be off, of CONFIDENCE
 
     A negative duration, possible only where a clock was set back, counts as zero.
     """
 
     def __init__(self, resolution_s: float = 0.0) -> None:
-        self.resolution_s = resolution_s
+        self.resolution_s, self.level_error_s = resolution_s, 0.0
         self._statistics = DurationStatistics()
         self.count = 0
         self._min_ns: int | None = None
@@ -103,16 +104,20 @@ class Durations:
         fourth = four - 4.0 * mean * three + 6.0 * mean * mean * two - 3.0 * mean**4
         figures = durations_report(summary)
         least = {"samples": n, "min_s": (self._min_ns or 0) / NS_PER_S}
-        independent = n / self._alike(n, mean, variance)
-        interval = None
+        independent, interval = self.independent(), None
         if independent >= _FEWEST:
             interval = self._intervals(figures["mean_s"], jitter_s, fourth, independent)
         return {**least, **figures, "jitter_s": jitter_s, "interval": interval}
 
-    def _alike(self, n: int, mean: float, variance: float) -> float:
-        """Return how many durations in a row tell as much as one independent one, at least 1."""
-        if not variance:
-            return 1.0
+    def independent(self) -> float:
+        """Return how many independent durations tell as much as those that were recorded."""
+        n = self.count
+        if not n:
+            return 0.0
+        mean = self._sums[0] / n
+        variance = self._sums[1] / n - mean * mean
+        if variance <= 0.0:
+            return n
         kept = (self._sums[4] / n - mean * mean) / variance
         by_neighbours = (1.0 + kept) / (1.0 - kept) if kept < 1.0 else math.inf
         whole = self._parts if self._part_left == self._part_size else self._parts[:-1]
@@ -120,14 +125,14 @@ class Durations:
         if len(whole) >= _PARTS // 2:
             of_means = float(np.var(np.array(whole) / self._part_size, ddof=1))
             by_parts = of_means * self._part_size / variance
-        return max(by_neighbours, by_parts, 1.0)
+        return n / max(by_neighbours, by_parts, 1.0)
 
     def _intervals(
         self, mean_s: float, jitter_s: float, fourth: float, n: float
     ) -> dict[str, Interval]:
         student = _Z + (_Z**3 + _Z) / (4.0 * (n - 1.0))
         kurtosis = fourth / jitter_s**4 if jitter_s else 1.0
-        mean_half_s = student * jitter_s / math.sqrt(n) + self.resolution_s
+        mean_half_s = self._with_level(student * jitter_s / math.sqrt(n))
         jitter_half_s = 0.5 * student * jitter_s * math.sqrt(max(kurtosis - 1.0, 0.0) / n)
         return {
             "mean_s": [max(mean_s - mean_half_s, 0.0), mean_s + mean_half_s],
@@ -143,10 +148,15 @@ class Durations:
         low = float(betaincinv(below, above + 1.0, 0.5 - 0.5 * CONFIDENCE))
         high = float(betaincinv(below + 1.0, above, 0.5 + 0.5 * CONFIDENCE))
         low_s, high_s = self.quantiles_s(np.array([low, high]))
-        low_s = max(low_s * (1.0 - _BIN_SHARE) - self.resolution_s, 0.0)
+        (found_s,) = self.quantiles_s(np.array([share]))
+        low_s = found_s - self._with_level(found_s - low_s * (1.0 - _BIN_SHARE))
+        high_s = found_s + self._with_level(high_s * (1.0 + _BIN_SHARE) - found_s)
         # Beyond the largest of so few, nothing is known.
-        is_known = high * n <= n - 0.5
-        return [low_s, high_s * (1.0 + _BIN_SHARE) + self.resolution_s if is_known else None]
+        return [max(low_s, 0.0), high_s if high * n <= n - 0.5 else None]
+
+    def _with_level(self, half_s: float) -> float:
+        """Return half the width of an interval, with what is not known of the level."""
+        return math.hypot(half_s, self.level_error_s) + self.resolution_s
 
 
 POINTS_MAX = 20_000

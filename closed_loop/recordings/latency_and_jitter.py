@@ -165,9 +165,9 @@ class Latencies:
             constant_ns = float(np.median(reported_ns) - np.median(uplink_ns))
             uplink_ns = np.maximum(uplink_ns + constant_ns, 0.0)
             # 1.96 standard errors of the difference of two medians.
-            shares = 1.0 / len(reported_ns) + 1.0 / len(uplink_ns)
+            shares = 1.0 / self.reported_uplink.independent() + 1.0 / len(uplink_ns)
             error_s = 1.96 * 1.2533 * float(np.std(uplink_ns)) * math.sqrt(shares) / NS_PER_S
-            self.uplink.resolution_s = self.downlink.resolution_s = _RESOLUTION_S + error_s
+            self.uplink.level_error_s = self.downlink.level_error_s = error_s
         else:
             self.is_absolute = False
         for status, latency_ns in zip(block, uplink_ns.tolist(), strict=True):
