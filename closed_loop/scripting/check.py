@@ -10,11 +10,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...controller.analysis.check_figures import check_figures
+import numpy as np
+
+from ...controller.analysis.check_figures import check_figures, loop_response
 from ...controller.analysis.check_verdict import CheckVerdict, found_in
 from ...controller.analysis.sampled_loop import StabilityMargins
 from ...controller.law_interface import Law
 from ...controller.settings import ControllerSettings, shared_vehicle
+from ...runtime.array_types import ComplexArray, FloatArray
 from .simulate import NO_OVERRIDES, settings_of
 
 
@@ -41,6 +44,17 @@ class Check(NamedTuple):
         """Stretches of constant delays at which the loop is stable [s]; none without analysis."""
         delays = self.analysis.get("stable_delays", {"intervals_s": []})
         return [(first_s, last_s) for first_s, last_s in delays["intervals_s"]]
+
+    def loop_response(self, omega_rad_s: FloatArray, delay_s: float = 0.0) -> ComplexArray:
+        """Return the open loop L(jω) around the nominal plant, shape of ``omega_rad_s``.
+
+        ``omega_rad_s``  above 0, up to π over the control period
+        ``delay_s``      constant delay from command to measurement
+
+        -1 is the critical point, so ``control.frd(checked.loop_response(omega), omega)`` of
+        python-control draws and measures it. Raises ValueError for a law that looks back.
+        """
+        return loop_response(self.settings, np.asarray(omega_rad_s, dtype=np.float64), delay_s)
 
     @property
     def margins(self) -> StabilityMargins | None:

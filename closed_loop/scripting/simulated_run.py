@@ -32,6 +32,8 @@ from ..compiled.engine import rms_of
 from ..pair.named_files import digest_lines, with_absolute_names
 
 if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ..compiled.engine import CompiledRun
@@ -240,7 +242,7 @@ class Run(NamedTuple):
         places = [place(path, PlantSample(*map(float, row))) for row in rows]
         return Track(*np.array(places).reshape(-1, len(PlacedSample._fields)).T.copy())
 
-    def to_pandas(self) -> tuple[Any, Any]:
+    def to_pandas(self) -> "tuple[pd.DataFrame, pd.DataFrame]":
         """Return both tables as pandas frames, by ``time_s``; raises ValueError without pandas."""
         try:
             import pandas as pd
@@ -252,11 +254,18 @@ class Run(NamedTuple):
         )
         return plant, controller
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Draw error, steer, estimates and latency; raises ValueError if a library is missing.
+
+        ``ax``  of your own figure: only the error, into these axes
 
         Save the figure by ``run.plot().savefig("run.png")``.
         """
+        if ax is not None:
+            _draw_error(ax, self.plant)
+            if (figure := ax.get_figure(root=True)) is None:
+                raise ValueError("ax belongs to no figure")
+            return figure
         law, seed = self.controller_settings.law, self.plant_settings.seed
         title = f"{law}, seed {seed}: {self._errors_in_words}"
         try:
@@ -288,23 +297,30 @@ class Run(NamedTuple):
         )
 
 
+def _draw_error(axes: "Axes", plant: PlantTable) -> None:
+    """Draw how far both points of the vehicle are off the path, over time."""
+    from ..reports.plot_style import COLOURS
+
+    for values_m, label, colour in (
+        (plant.lateral_error_m, "preview point", COLOURS[1]),
+        (plant.cg_deviation_m, "car", COLOURS[0]),
+    ):
+        axes.plot(plant.time_s, 1e3 * values_m, color=colour, label=label, lw=1.0)
+    axes.axhline(0.0, color="black", lw=0.6)
+    axes.set(ylabel="off the path [mm]")
+
+
 def _drawn(title: str, plant: PlantTable, controller: ControllerTable) -> "Figure":
     """Draw lateral error, steer, estimates and latency over time."""
     from matplotlib.figure import Figure
 
-    from ..reports.plot_style import COLOURS, plot_style
+    from ..reports.plot_style import plot_style
 
     with plot_style():
         figure = Figure(figsize=(9.0, 8.0), dpi=110)
         error, steer, estimates, latency = figure.subplots(4, 1, sharex=True)
-        for values_m, label, colour in (
-            (plant.lateral_error_m, "preview point", COLOURS[1]),
-            (plant.cg_deviation_m, "car", COLOURS[0]),
-        ):
-            error.plot(plant.time_s, 1e3 * values_m, color=colour, label=label, lw=1.0)
-        error.axhline(0.0, color="black", lw=0.6)
+        _draw_error(error, plant)
         figure.suptitle(title, x=0.01, ha="left", weight="bold")
-        error.set(ylabel="off the path [mm]")
         steer.step(controller.time_s, controller.sent_rad, where="post", label="sent", lw=1.0)
         steer.plot(plant.time_s, plant.wheel_angle_rad, label="wheel", lw=1.0)
         steer.set(ylabel="steer [rad]")

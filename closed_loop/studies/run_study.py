@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime.settings import with_values
+from ...controller.law_interface import Law
+from ...runtime.settings import SettingsError, with_values
+from ...runtime.settings.plugin import by_place
 from ..scripting.simulate import GAMMA, NO_OVERRIDES, SHORT, by_side
 from .compiled_figures import COLUMNS, Figures, verdicts
 from .compiled_runs import Computer
@@ -66,36 +68,65 @@ def run_study(file: str | Path) -> Mapping[str, NDArray[Any]]:
 def sweep(
     over: Mapping[str, Sequence[Any] | NDArray[Any]],
     *,
-    plant: str = "paper_nominal",
-    controllers: Sequence[str] = ("practical_pd_ddob",),
+    plant: str | Path = "paper_nominal",
+    controller: str | Path = "practical_pd_ddob",
+    vehicle: str | Path | None = None,
     replicates: int = 1,
     seed: int = 1,
+    duration_s: float | None = None,
+    law: str | Law | None = None,
+    latency_s: float | None = None,
+    jitter_s: float | None = None,
+    loss: float | None = None,
     overrides: Mapping[str, Any] = NO_OVERRIDES,
 ) -> Mapping[str, NDArray[Any]]:
     """Run every combination of values; returns columns of shape (runs,) as ``run_study``.
 
-    ``over``         values by a short name of ``simulate``, as latency_s, or by
+    ``over``         values by an argument of ``simulate``, as latency_s or controller, or by
                      ``plant.table.key`` or ``controller.table.key``; the last part of the name
                      names the column, or all of it, as plant_duration_s, where that name is taken
-    ``plant``, ``controllers``  presets
-    ``replicates``   runs of each combination and controller, each with its own seed from ``seed``
+    ``replicates``   runs of each combination, each with its own seed from ``seed``
     ``overrides``    other settings, named as in ``over``
 
-    ``pandas.DataFrame(sweep(...))`` is a frame. Raises SettingsError.
+    The other arguments are as for ``simulate``. ``pandas.DataFrame(sweep(...))`` is a frame.
+    Raises SettingsError.
 
-    >>> table = sweep({"latency_s": [0.0, 0.1]}, overrides={"duration_s": 5.0})
+    >>> table = sweep({"latency_s": [0.0, 0.1]}, duration_s=5.0)
     >>> [f"{1e3 * rms_m:.1f} mm" for rms_m in table["rms_m"]]
     ['11.9 mm', '12.4 mm']
     """
-    fixed = {SHORT.get(key, key): value for key, value in overrides.items()}
-    if "jitter_s" in {*over, *overrides}:
+    own = {
+        "duration_s": duration_s,
+        "law": law,
+        "latency_s": latency_s,
+        "jitter_s": jitter_s,
+        "loss": loss,
+    }
+    given = {**overrides, **{key: value for key, value in own.items() if value is not None}}
+    factors = {key: list(values) for key, values in over.items() if key != "controller"}
+    for key in ("plant", "vehicle"):
+        if key in factors:
+            raise SettingsError(f"sweep over {key}: takes one; sweep over keys, as {key}.table.key")
+    fixed = {SHORT.get(key, key): value for key, value in given.items()}
+    if "jitter_s" in {*factors, *given}:
         fixed |= GAMMA
-    base = BaseSettings(plant_preset=plant, controllers=tuple(controllers), **by_side(fixed))
-    factors = [
-        {"key": SHORT.get(key, key), "name": _column(key, over), "values": list(values)}
-        for key, values in over.items()
+    is_file = isinstance(plant, Path) or plant.endswith(".toml")
+    try:
+        placed = by_place(fixed)
+    except ValueError as error:
+        raise SettingsError(f"sweep: {error}") from error
+    base = BaseSettings(
+        plant_preset=None if is_file else str(plant),
+        plant_file=Path(plant) if is_file else None,
+        vehicle=None if vehicle is None else Path(vehicle),
+        controllers=tuple(map(str, over.get("controller", (controller,)))),
+        **by_side(placed),
+    )
+    rows = [
+        {"key": SHORT.get(key, key), "name": _column(key, factors), "values": values}
+        for key, values in factors.items()
     ]
-    varied = {"factors": factors, "sampling": {"replicates": replicates, "seed": seed}}
+    varied = {"factors": rows, "sampling": {"replicates": replicates, "seed": seed}}
     settings = with_values(StudySettings(base=base), varied, "sweep")
     return _computed(make_study(settings, "sweep", Path()))
 

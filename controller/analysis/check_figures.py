@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.array_types import ComplexArray
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
@@ -85,6 +85,24 @@ def loop_around(settings: ControllerSettings, vehicle: NominalVehicle, known: Re
     if design.looking_back is None:
         return _loop_of(settings, design, vehicle, known)
     return PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), known)
+
+
+def loop_response(
+    settings: ControllerSettings, omega_rad_s: FloatArray, delay_s: float
+) -> ComplexArray:
+    """Return the open loop around the nominal plant at these ω, with -1 as the critical point.
+
+    Raises ValueError for a loop that has none: of a law that is not linear or looks back, of two
+    rates, or without [nominal_model].
+    """
+    design = _analysed_law(settings)
+    if settings.model is None or design.looking_back is not None or _has_two_rates(settings):
+        raise ValueError(
+            f"law {settings.law}: a loop has one frequency response only if [nominal_model] is"
+            " given, the law does not look back, and measurements come as often as commands"
+        )
+    loop = SampledLoop(design, settings.model, settings.period_ns)
+    return loop.responder(round(delay_s * NS_PER_S))(omega_rad_s)
 
 
 def _analysed_law(settings: ControllerSettings) -> LawDesign:

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from steer_by_wire import SettingsError, check
@@ -33,3 +34,19 @@ def test_a_loop_that_is_not_stable_has_no_margins_and_no_stable_delays() -> None
 def test_an_unknown_law_is_refused_in_one_line() -> None:
     with pytest.raises(SettingsError, match=r"overrides of controller: law = \"pdd\" [^\n]*$"):
         check(law="pdd")
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.1])
+def test_the_margins_are_those_of_the_loop_response(delay_s: float) -> None:
+    checked = check("practical_pd")
+    margins = checked.margins
+    assert margins is not None
+    response = checked.loop_response(np.array([margins.crossover_rad_s]), delay_s)
+    assert abs(response[0]) == pytest.approx(1.0)
+    lag_rad = delay_s * margins.crossover_rad_s
+    assert np.angle(-response[0]) == pytest.approx(margins.phase_rad - lag_rad)
+
+
+def test_a_law_that_looks_back_has_no_one_frequency_response() -> None:
+    with pytest.raises(ValueError, match=r"^law predictor: a loop has one frequency response only"):
+        check("practical_predictor").loop_response(np.array([1.0]))

@@ -38,12 +38,19 @@ def test_a_study_file_that_cannot_be_run_is_refused_in_one_line(tmp_path: Path) 
         run_study("no.toml")
 
 
+ALIKE: dict[str, Any] = {"controller": "practical_pid", "duration_s": 3.0, "latency_s": 0.1}
+
+
 def test_a_sweep_has_a_row_for_every_combination_and_each_is_the_run_of_simulate() -> None:
     table = sweep(
-        {"latency_s": np.array([0.0, 0.1]), "jitter_s": [0.0, 0.02]},
-        controllers=["practical_pd", "practical_pid"],
+        {
+            "latency_s": np.array([0.0, 0.1]),
+            "jitter_s": [0.0, 0.02],
+            "controller": ["practical_pd", "practical_pid"],
+        },
         replicates=2,
-        overrides={"duration_s": 3.0, "controller.rate_hz": 50},
+        duration_s=3.0,
+        overrides={"controller.rate_hz": 50},
     )
     assert {len(column) for column in table.values()} == {2 * 2 * 2 * 2}
     row = int(
@@ -61,6 +68,8 @@ def test_a_sweep_has_a_row_for_every_combination_and_each_is_the_run_of_simulate
         engine="compiled",
     )
     assert table["rms_m"][row] == run.rms_m
+    alike = sweep({}, controller="practical_pid", duration_s=3.0, latency_s=0.1, jitter_s=0.02)
+    assert alike["rms_m"][0] == sweep({"jitter_s": [0.02]}, **ALIKE)["rms_m"][0]
     assert len(np.unique(table["rms_m"])) > len(np.unique(table["rms_m"][table["jitter_s"] == 0]))
 
 
@@ -86,7 +95,8 @@ def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set
     [
         ({"over": {"plant.sed": [1]}}, r"sweep: factor sed: .*sed"),
         ({"over": {"loss": [2.0]}}, r"loss = 2\.0 should be less than or equal to 1"),
-        ({"over": {}, "controllers": ["practical_p"]}, r"practical_p.*did you mean practical_pd"),
+        ({"over": {"controller": ["practical_p"]}}, r"practical_p.*did you mean practical_pd"),
+        ({"over": {"plant": ["paper_nominal"]}}, r"sweep over plant: takes one; sweep over keys"),
         ({"over": {}, "overrides": {"sed": 1}}, r"key sed starts with neither plant\. nor"),
     ],
 )

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import steer_by_wire
 from steer_by_wire import Mode, PlantSettings, Run, SettingsError, simulate
@@ -228,6 +229,17 @@ def test_a_run_is_drawn(run: Run, tmp_path: Path) -> None:
     error, *_ = figure.axes
     np.testing.assert_array_equal(error.lines[0].get_ydata(), 1e3 * run.plant.lateral_error_m)
     assert "RMS" in figure.get_suptitle()
+
+
+def test_a_run_draws_its_error_into_axes_of_a_users_own() -> None:
+    own = Figure()
+    left, right = own.subplots(1, 2)
+    run = simulate(duration_s=2.0)
+    assert run.plot(left) is own
+    (preview, cg, _zero), others = left.get_lines(), right.get_lines()
+    assert list(preview.get_ydata()) == list(1e3 * run.plant.lateral_error_m)
+    assert list(cg.get_ydata()) == list(1e3 * run.plant.cg_deviation_m)
+    assert list(others) == []
 
 
 def test_the_package_itself_imports_the_standard_library_alone() -> None:
