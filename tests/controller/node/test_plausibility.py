@@ -27,7 +27,7 @@ from tests.support.frames.made_messages import motion_of
 SPEED_M_S = 2.0
 STEP_S = 0.1
 ONSET_S = 3.0
-FARTHEST_M = 6.0
+FARTHEST_M = 8.0
 NOISE: dict[str, Any] = {
     "plant.sensor_noise.lateral_error_m": 0.01,
     "plant.sensor_noise.heading_error_rad": 0.002,
