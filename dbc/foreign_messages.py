@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import cantools.database
+import textparser
 from cantools.database.can import Database, Message
 
 from ..runtime.exit_status import one_line
@@ -84,7 +85,13 @@ def load_database(path: Path) -> Database:
         except Exception as error:  # cantools raises more than its own for a damaged file
             if any(isinstance(one, MemoryError) for one in (error, *vars(error).values())):
                 raise MemoryError from None  # a signal of millions of bits
-            raise ValueError(f"{path}: {one_line(error)}") from error
+            found = [one for one in vars(error).values() if isinstance(one, Exception)]
+            inner = found[0] if len(found) == 1 else error
+            cause = one_line(inner)
+            if not isinstance(inner, cantools.database.errors.Error | textparser.Error):
+                cause = f"a line or number that the format does not have ({cause})"
+            what = f"no .{kind} file that cantools reads"
+            raise ValueError(f"{path}: {what}: {cause}; save it again with its editor") from error
     if not isinstance(database, Database):
         raise ValueError(f"{path}: not a database of CAN messages")
     for message in database.messages:
@@ -100,7 +107,7 @@ def cycle_ms_of(message: Message) -> float | None:
     """Return a message's cycle time; None for one that is sent on events [ms].
 
     A default of the database holds for what is sent in cycles alone. Databases store it as a whole
-    number, a float or a text; raises ValueError for what is no time between two frames.
+    number, a float or a text; raises ValueError for what is no number.
     """
     has_own = message.dbc is None or "GenMsgCycleTime" in message.dbc.attributes
     is_cyclic = has_own or "cyclic" in str(message.send_type or "cyclic").lower()
@@ -112,11 +119,8 @@ def cycle_ms_of(message: Message) -> float | None:
         cycle_ms = math.nan
     if cycle_ms <= 0.0:  # of messages that are sent on events
         return None
-    if not CYCLE_MS_MIN <= cycle_ms <= CYCLE_MS_MAX:
-        what = f"a cycle time of {message.cycle_time!r}"
-        raise ValueError(
-            f"{message.name} has {what}; allowed is {CYCLE_MS_MIN:g} to {CYCLE_MS_MAX:g} ms"
-        )
+    if not math.isfinite(cycle_ms):
+        raise ValueError(f"{message.name} has a cycle time of {message.cycle_time!r}, no number")
     return cycle_ms
 
 
@@ -133,6 +137,9 @@ def _listed(message: Message, path: Path) -> ListedMessage:
     senders = tuple(message.senders)
     try:
         cycle_ms = cycle_ms_of(message)
+        if cycle_ms is not None and not CYCLE_MS_MIN <= cycle_ms <= CYCLE_MS_MAX:
+            allowed = f"allowed is {CYCLE_MS_MIN:g} to {CYCLE_MS_MAX:g} ms"
+            raise ValueError(f"{message.name} has a cycle time of {cycle_ms:g}; {allowed}")
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     return ListedMessage(message.name, message.frame_id, flags, length, cycle_ms, senders)

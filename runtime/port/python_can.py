@@ -5,14 +5,19 @@ interface it is decides ``interface_choice``.
 """
 
 import argparse
+import difflib
 import errno
+import importlib
+import inspect
+import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Protocol
 
 import can
 import can.cli
+from can.interfaces import BACKENDS
 
 from ..exit_status import BusError, one_line
 from ..frame import Frame
@@ -35,6 +40,9 @@ _HASTY_MAX = 10_000
 (socketcand)."""
 
 
+_OF_EVERY_BUS = {"bitrate", "data_bitrate", "fd", "timing", "can_filters", "single_handle"}
+
+
 class Closable(Protocol):
     """Anything that has to be shut down."""
 
@@ -50,16 +58,47 @@ def open_bus(namespace: argparse.Namespace, choice: Choice) -> tuple[can.BusABC,
     """
     check_openable(choice)
     given = {"interface": choice.interface, "channel": choice.channel}
+    _refuse_misspelt(choice, getattr(namespace, "bus_kwargs", {}))
     try:
         bus = can.cli.create_bus_from_namespace(namespace, **given)
     except argparse.ArgumentError as error:
         # It wraps any exception of the interface: OSError for a missing SocketCAN interface,
         # ImportError for a missing driver.
-        cause = one_line(error.__cause__ or error)
+        cause = _cause(error.__cause__ or error)
         raise BusError(f"cannot open {choice.name} ({choice.reason}): {cause}") from error
     # Some interfaces of python-can leave channel_info unset.
     what = choice.name if bus.channel_info == can.BusABC.channel_info else bus.channel_info
     return bus, f"{what} ({choice.reason})"
+
+
+def _cause(error: BaseException) -> str:
+    """Return why an interface cannot be opened, in words for its user."""
+    text = one_line(error)
+    # What python-can's interfaces raise where the vendor's library is not there.
+    if isinstance(
+        error, NameError | AttributeError | ImportError | can.CanInterfaceNotImplementedError
+    ):
+        return f"its driver or library is not installed on this machine ({text})"
+    if isinstance(error, TypeError) and (names := re.findall("'(\\w+)'", text)):
+        return f"give it --bus-kwargs {' '.join(f'{name}=...' for name in names)} ({text})"
+    return text
+
+
+def _refuse_misspelt(choice: Choice, given: Iterable[str]) -> None:
+    """Raise BusError for an argument that is nearly one of the interface; python-can ignores it."""
+    module, name = BACKENDS.get(choice.interface, ("", ""))
+    try:
+        kind = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError, NameError, OSError):
+        return  # opening it says why
+    known = {
+        one for base in kind.__mro__ for one in inspect.signature(base.__init__).parameters
+    } | _OF_EVERY_BUS
+    for one in given:
+        close = difflib.get_close_matches(one, known - {"self", "args", "kwargs"}, 1, 0.7)
+        if one not in known and close:
+            what = f"{choice.interface} has no argument {one}"
+            raise BusError(f"cannot open {choice.name}: {what} (did you mean {close[0]}?)")
 
 
 def check_openable(choice: Choice) -> None:

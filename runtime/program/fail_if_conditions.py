@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from ..command_line import say
 from ..exit_status import ExitStatus
+from ..settings.mistakes import hint
 
 Report = Mapping[str, Any]
 
@@ -112,7 +113,7 @@ def condition_of(quantities: Mapping[str, Quantity]) -> Callable[[str], Conditio
             )
         name, comparison, value = found.groups()
         if name not in quantities:
-            raise argparse.ArgumentTypeError(f"no quantity {name[:60]!r}; names: {names}")
+            raise argparse.ArgumentTypeError(f"no quantity {name[:60]!r}: {hint(name, quantities)}")
         if words := quantities[name].words:
             if comparison not in _FOR_WORDS or value not in words:
                 raise argparse.ArgumentTypeError(

@@ -19,7 +19,7 @@ from rich.live import Live
 from steer_by_wire.closed_loop.recordings.live_reading import LiveReader
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
-from steer_by_wire.runtime.command_line import command_parser, run_main, say
+from steer_by_wire.runtime.command_line import command_parser, run_main, say, seconds
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
@@ -40,7 +40,7 @@ _FRAMES_PER_TURN_MAX = 1000
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10")
-    parser.add_argument("--duration", type=float, metavar="SECONDS", help="end after this time")
+    parser.add_argument("--duration", type=seconds, metavar="SECONDS", help="end after this time")
     add_dialect_argument(parser, "read the messages of a car")
     add_bus_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))

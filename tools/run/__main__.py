@@ -42,6 +42,7 @@ from steer_by_wire.runtime.command_line import (
     offer,
     run_main,
     say,
+    seconds,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.bus_options import (
@@ -90,7 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--vehicle", type=Path, metavar="VEHICLE.toml",
         help="take the vehicle of plant and controller from [vehicle] of a file",
     )  # fmt: skip
-    parser.add_argument("--duration", type=float, metavar="SECONDS", help="duration of the motion")
+    parser.add_argument(
+        "--duration", type=seconds, metavar="SECONDS", help="duration of the motion"
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
     law = parser.add_argument(
         "--law", metavar="NAME", help="short for --set controller.law=NAME; also package.module:LAW"

@@ -216,3 +216,16 @@ def test_an_interface_that_no_longer_waits_has_ended() -> None:
     with pytest.raises(BusError, match="cannot receive: the interface's connection has ended"):
         BusPort(bus).recv(PATIENCE_S)
     bus.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["-i", "emulated", "--bus-kwargs", "adress=x"], "no argument adress .did you mean addr"),
+        (["-i", "socketcand", "-c", "can0"], "give it --bus-kwargs host=... port=..."),
+        (["-i", "kvaser", "-c", "0"], "its driver or library is not installed on this machine"),
+    ],
+)
+def test_what_is_missing_to_open_an_interface_is_said(arguments: list[str], line: str) -> None:
+    with pytest.raises(BusError, match=line):
+        opened(*arguments)
