@@ -57,7 +57,7 @@ class Gateway(Wrapper[N]):
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Translate a frame of the peer for the node, if the car would take it."""
-        message = self._reader.known.get((frame.can_id, frame.flags))
+        message = self._reader.message_of(frame)
         if message is None:
             self._notice_own(frame)
             kept = frame.can_id in self._kept_ids

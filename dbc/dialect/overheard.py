@@ -1,6 +1,6 @@
 """A passive listener on a car's bus: the frames of both ends, as ours."""
 
-from ...runtime.frame import EXTENDED, Frame
+from ...runtime.frame import Frame
 from ...runtime.node.end import End
 from .. import messages as ours
 from ..listening import OUR_MESSAGES, Heard, Listed, Listening, MessageCounts
@@ -15,7 +15,6 @@ def listening_to(dialect: Dialect) -> Listening:
     reader, messages = CarReader(dialect, dialect.messages), dialect.messages
     kept = {name: it for name, it in OUR_MESSAGES.listed.items() if it.can_id in dialect.kept_ids}
     of_car = {one.name: Listed(one.can_id, one.settings.cycle_ms) for one in messages}
-    by_pgn = {_pgn(one.can_id): one for one in messages if one.is_from_any_address}
     of_plant = frozenset(one.can_id for one in dialect.sent_by(End.PLANT))
     signals = {
         carried.carries.value: f"{one.name}.{signal}"
@@ -29,9 +28,7 @@ def listening_to(dialect: Dialect) -> Listening:
     }
 
     def hear(frame: Frame, now_ns: int) -> Heard:
-        message = reader.known.get((frame.can_id, frame.flags))
-        if message is None and frame.flags == EXTENDED:
-            message = by_pgn.get(_pgn(frame.can_id))
+        message = reader.message_of(frame)
         if message is None:
             is_kept = frame.can_id in dialect.kept_ids or frame.can_id not in OUR_MESSAGES.kept_ids
             if is_kept:
@@ -57,12 +54,6 @@ def listening_to(dialect: Dialect) -> Listening:
         hear,
         counts,
     )
-
-
-def _pgn(can_id: int) -> int:
-    """Return the parameter group number of a J1939 identifier: no priority and no addresses."""
-    number = can_id >> 8 & 0x3FFFF
-    return number if number & 0xFF00 >= 0xF000 else number & 0x3FF00
 
 
 def _note(reader: CarReader, frame: Frame) -> None:

@@ -3,7 +3,7 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 
-from ...runtime.frame import Frame
+from ...runtime.frame import EXTENDED, Frame
 from ...runtime.node.end import End
 from .. import messages as ours
 from ..codec.sender_watch import SenderWatch
@@ -16,13 +16,15 @@ from .translation import FromController, FromPlant
 class CarReader:
     """Reads some messages of a dialect.
 
-    ``known``    the messages, by identifier and format of their frames
     ``refused``  frames by message and cause
     ``second_senders``  names of messages that have had a second sender, by their own counters
     """
 
     def __init__(self, dialect: Dialect, messages: Iterable[CarMessage]) -> None:
-        self.known = {(one.can_id, one.flags): one for one in messages}
+        self._known = {(one.can_id, one.flags): one for one in messages}
+        self._by_group = {
+            _group(one.can_id): one for one in self._known.values() if one.is_from_any_address
+        }
         self._commands, self._measurements = FromController(dialect), FromPlant()
         self._newest: dict[str, int] = {}
         self._newest_accepted: dict[str, int] = {}
@@ -31,10 +33,17 @@ class CarReader:
         self.refused = defaultdict[str, Counter[str]](Counter)
         self._watches = {
             one.name: SenderWatch(one.counters)
-            for one in self.known.values()
+            for one in self._known.values()
             if one.settings.counter
         }
         self.second_senders = list[str]()
+
+    def message_of(self, frame: Frame) -> CarMessage | None:
+        """Return the message in a frame, by its group where J1939's address is left open."""
+        message = self._known.get((frame.can_id, frame.flags))
+        if message is None and self._by_group and frame.flags == EXTENDED:
+            message = self._by_group.get(_group(frame.can_id))
+        return message
 
     def note_sent(self, message: ours.Message) -> None:
         """Take note of a message of ours that the peer's may answer."""
@@ -81,3 +90,9 @@ class CarReader:
         is_command = message.settings.sender == End.CONTROLLER
         translation = self._commands if is_command else self._measurements
         return translation.frames(message, reading.values, now_ns)
+
+
+def _group(can_id: int) -> int:
+    """Return the parameter group number of a J1939 identifier: no priority and no addresses."""
+    number = can_id >> 8 & 0x3FFFF
+    return number if number & 0xFF00 >= 0xF000 else number & 0x3FF00

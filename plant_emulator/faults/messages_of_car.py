@@ -62,7 +62,7 @@ class MessagesOfCar:
 
     def starts(self, frame: Frame, now_ns: int) -> bool:
         """Return whether the car would take a frame as a command."""
-        message = self._commands.known.get((frame.can_id, frame.flags))
+        message = self._commands.message_of(frame)
         if message is None:
             return False
         said = self._commands.read(message, frame, now_ns)
