@@ -5,8 +5,7 @@ the broker reads it, and is delivered at its end of frame, never earlier.
 
 No client can stop another, and everything that waits for a client is bounded. A client that
 
-    floods the bus         is notified which of its transmit buffers is full; if it continues, it is
-                           not read until frames have gone out, and so waits in ``send``
+    floods the bus         is not read until frames have gone out, and so waits in ``send``
     does not read          is disconnected when OUTGOING_BYTES_MAX wait for it
     sends garbage          is disconnected at the first invalid record
     leaves and returns     leaves at most LEFT_FRAMES_MAX frames behind

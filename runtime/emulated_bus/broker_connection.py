@@ -6,7 +6,7 @@ import sys
 from enum import StrEnum
 
 from ..frame import FD, Frame
-from .protocol import HELLO, Buffer, Hello, pack_buffer, record_format, unpack_hello, unpack_sent
+from .protocol import HELLO, Hello, record_format, unpack_hello, unpack_sent
 from .transmit_buffers import TransmitBuffers
 
 OUTGOING_BYTES_MAX = 1 << 20
@@ -50,7 +50,6 @@ class Connection:
     ``record``          format of the records of both sides after the hello
     ``buffers``         its submitted frames that are not complete yet; counted by its channel
     ``is_held_back``    whether it is not read because too many of its frames wait
-    ``is_behind``       whether its socket had too little room at the last write
     """
 
     def __init__(self, connection: socket.socket, number: int) -> None:
@@ -58,7 +57,7 @@ class Connection:
         self.number = number
         self.hello: Hello | None = None
         self.buffers = TransmitBuffers()
-        self.is_held_back = self.is_behind = False
+        self.is_held_back = False
         self._process = _process_of(connection)
         self._socket = connection
         self.record = record_format(fd=False)
@@ -127,12 +126,6 @@ class Connection:
         """Add bytes to be written by the next ``flush``."""
         self._outgoing += raw
 
-    def tell(self, *news: Buffer | None) -> None:
-        """Queue what the client is to know of its transmit buffers."""
-        for one in news:
-            if one is not None:
-                self.queue(pack_buffer(self.record, one))
-
     def flush(self) -> None:
         """Write as much as the socket takes now.
 
@@ -145,7 +138,6 @@ class Connection:
         except OSError as error:
             raise ConnectionLostError(Cause.LOST, str(error)) from error
         del self._outgoing[:written]
-        self.is_behind = bool(self._outgoing)
         if len(self._outgoing) > OUTGOING_BYTES_MAX:
             raise ConnectionLostError(
                 Cause.NOT_READING, f"it does not read: {len(self._outgoing)} bytes wait for it"

@@ -86,7 +86,7 @@ class Channel:
             if not client.buffers.has_room(frame):
                 client.put_back(frame)
                 return False
-            client.tell(client.buffers.add(frame, can_tell=not client.is_behind))
+            client.buffers.add(frame)
             self._model.submit(frame, client.number, bus_ns)
         return True
 
@@ -141,7 +141,7 @@ class Channel:
     def _free_place(self, sender: int, frame: Frame) -> None:
         """Count a frame of a client that is complete."""
         if (member := self.members.get(sender)) is not None:
-            member.tell(member.buffers.remove(frame))
+            member.buffers.remove(frame)
         else:
             self._departed[sender] -= 1
             self._forget_if_sent(sender)

@@ -24,7 +24,6 @@ from .protocol import (
     FD_LENGTHS,
     OWN,
     Answer,
-    Buffer,
     Hello,
     ProtocolError,
     check_frame,
@@ -79,7 +78,6 @@ class EmulatedBus(can.BusABC):
         self._record = record_format(fd)
         self._partial = b""
         self._is_lost = False
-        self._full: set[tuple[int, bool]] = set()
         # send_periodic sends from another thread.
         self._send_lock = threading.Lock()
         self._can_protocol = CanProtocol.CAN_FD if fd else CanProtocol.CAN_20
@@ -89,33 +87,27 @@ class EmulatedBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame; returns before it is on the wire.
 
-        ``timeout``  how long to wait for room [s]; None: without limit, 0: not at all, in which
-                     case only frames of the same identifier can fill the buffer
+        ``timeout``  how long to wait for room [s]; None: without limit, 0: not at all
 
         Raises can.CanTimeoutError without room in time, can.CanOperationError when the broker has
         ended, for an error frame, and for a CAN FD frame without ``fd``.
         """
         if msg.is_fd and self._can_protocol is not CanProtocol.CAN_FD:
             raise can.CanOperationError("a CAN FD frame needs a bus that was opened with fd=True")
-        if timeout == 0 and (msg.arbitration_id, msg.is_extended_id) in self._full:
-            raise can.CanTimeoutError("no room to send: frames of this identifier wait already")
         raw = pack_frame(self._record, _sent_frame(msg))
         with self._send_lock:
             self._send_all(raw, timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         """Receive one frame, which python-can is still to filter."""
-        while (raw := self._next_record(timeout)) is not None:
-            try:
-                frame, time_ns = unpack_delivery(self._record, raw)
-            except ProtocolError as error:
-                raise can.CanOperationError(str(error)) from error
-            if isinstance(frame, Buffer):
-                (self._full.discard if frame.has_room else self._full.add)(frame[:2])
-                timeout = 0.0  # a frame may be behind it
-                continue
-            return _received_message(frame, time_ns, self._channel), False
-        return None, False
+        raw = self._next_record(timeout)
+        if raw is None:
+            return None, False
+        try:
+            frame, time_ns = unpack_delivery(self._record, raw)
+        except ProtocolError as error:
+            raise can.CanOperationError(str(error)) from error
+        return _received_message(frame, time_ns, self._channel), False
 
     def _next_record(self, timeout: float | None) -> bytes | None:
         """Return the next record, or None when none is complete within ``timeout`` [s]."""

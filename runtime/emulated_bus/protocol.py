@@ -6,8 +6,7 @@ of classic frames, 80 for one of CAN FD.
 
 Fixed sizes let a client read exactly one frame per ``recv``. Nothing is ever left in a buffer in
 the client's process, so "the socket is readable" means "a frame is waiting", as select, asyncio and
-``can.Notifier`` assume. The only exception is the record which reports that a transmit buffer of
-the client is full, or has room again.
+``can.Notifier`` assume.
 
     hello    magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 channel:64      client to broker
     answer   magic:8 bitrate:4 data_bitrate:4 reason:160                      broker to client
@@ -23,7 +22,7 @@ from typing import NamedTuple
 
 from ..frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
 
-MAGIC = b"emucan\x00\x04"
+MAGIC = b"emucan\x00\x05"
 """Name and version: both sides close on any other."""
 
 CHANNEL_BYTES_MAX = 64
@@ -33,7 +32,6 @@ OWN = 64
 """Flag next to those of ``runtime.frame``: the client that receives this frame sent it."""
 
 _FRAME = 1
-_BUFFER = 2
 
 _HELLO_FD = 1
 _HELLO_RECEIVE_OWN = 2
@@ -108,14 +106,6 @@ def unpack_answer(raw: bytes) -> Answer:
     return Answer(bitrate_bit_s, data_bitrate_bit_s, _text(reason))
 
 
-class Buffer(NamedTuple):
-    """The broker's report on a client's transmit buffer for one identifier."""
-
-    can_id: int
-    extended: bool
-    has_room: bool
-
-
 def record_format(fd: bool) -> Struct:
     """Return the record of a connection with or without CAN FD."""
     return FD_RECORD if fd else CLASSIC_RECORD
@@ -128,20 +118,9 @@ def pack_frame(record: Struct, frame: Frame, time_ns: int = 0) -> bytes:
     return record.pack(_FRAME, flags & 0xFF, length, can_id, time_ns, data)
 
 
-def pack_buffer(record: Struct, buffer: Buffer) -> bytes:
-    """Return the record that reports whether a transmit buffer has room."""
-    can_id, extended, has_room = buffer
-    return record.pack(_BUFFER, EXTENDED * extended, has_room, can_id, 0, b"")
-
-
-def unpack_delivery(record: Struct, raw: bytes) -> tuple[Frame | Buffer, int]:
-    """Read what the broker delivers: a frame and its end [ns], or the state of a transmit buffer.
-
-    Raises ProtocolError.
-    """
+def unpack_delivery(record: Struct, raw: bytes) -> tuple[Frame, int]:
+    """Read a frame that the broker delivers, and its end [ns]; raises ProtocolError."""
     kind, flags, length, can_id, time_ns, data = record.unpack(raw)
-    if kind == _BUFFER:
-        return Buffer(can_id, bool(flags & EXTENDED), bool(length)), time_ns
     if kind != _FRAME:
         raise ProtocolError(f"unknown record {kind} from the broker")
     return _frame(can_id, data, length, flags), time_ns

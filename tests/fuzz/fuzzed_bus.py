@@ -72,9 +72,6 @@ class FuzzedBus:
         while len(self._raw) >= record.size:
             frame, _ = protocol.unpack_delivery(record, self._raw[: record.size])
             self._raw = self._raw[record.size :]
-            if not isinstance(frame, Frame):
-                raise AssertionError(f"a client that sends nothing receives {frame}")
-                return
             protocol.check_frame(frame)
             if self._is_ours(frame):
                 self._received.append(frame)

@@ -14,12 +14,9 @@ from steer_by_wire.runtime.emulated_bus.broker_connection import (
 from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     HELLO,
-    Buffer,
     pack_frame,
-    unpack_delivery,
 )
 from steer_by_wire.runtime.emulated_bus.transmit_buffers import (
-    BUFFER_FULL,
     BUFFERS_MAX,
     FRAMES_WAITING_MAX,
 )
@@ -104,48 +101,13 @@ def test_no_frame_waits_behind_one_of_lower_priority(bench: Bench) -> None:
         bench.step()
         bench.advance(2 * CLASSIC_FRAME_NS)
         assert Frame(0x100, number.to_bytes(8, "little")) in received(listener)
-    assert reported(victim) == [Buffer(0x300, False, has_room=False)]
     flooder.close()
     seen: list[Frame] = []
     for _ in range(500):
         bench.advance(CLASSIC_FRAME_NS)
         seen += received(listener)
-    assert reported(victim) == [Buffer(0x300, False, has_room=True)]
     numbers = [int.from_bytes(frame.data, "little") for frame in seen if frame.can_id == 0x300]
     assert numbers == [*range(FRAMES_WAITING_MAX)]
-
-
-def reported(client: socket.socket) -> list[Buffer]:
-    """Return the reports that a client has received about its transmit buffers."""
-    raw, size = client.recv(1 << 16), CLASSIC_RECORD.size
-    records = [raw[start : start + size] for start in range(0, len(raw), size)]
-    delivered = [unpack_delivery(CLASSIC_RECORD, record)[0] for record in records]
-    return [one for one in delivered if isinstance(one, Buffer)]
-
-
-def test_a_client_is_notified_of_every_transmit_buffer_that_fills_up(bench: Bench) -> None:
-    client = bench.join()
-    send(
-        client, *[Frame(can_id, bytes(8)) for _ in range(BUFFER_FULL) for can_id in (0x300, 0x304)]
-    )
-    bench.step()
-    assert reported(client) == [Buffer(can_id, False, has_room=False) for can_id in (0x300, 0x304)]
-    bench.advance(CLASSIC_FRAME_NS)
-    assert reported(client) == [Buffer(0x300, False, has_room=True)]
-    send(client, Frame(0x300, bytes(8)), Frame(0x304, bytes(8)))
-    bench.step()
-    assert reported(client) == [Buffer(0x300, False, has_room=False)]
-
-
-def test_who_does_not_read_learns_no_more_than_its_socket_takes(bench: Bench) -> None:
-    client = bench.join()
-    for _ in range(400):
-        send(client, *[Frame(0x700, b"")] * FRAMES_WAITING_MAX)
-        bench.step(1)
-        bench.advance(FRAMES_WAITING_MAX * CLASSIC_FRAME_NS)
-    (member,) = bench.broker.clients
-    assert member.is_behind
-    assert len(member._outgoing) <= 2 * CLASSIC_RECORD.size
 
 
 def test_a_client_has_a_bounded_number_of_transmit_buffers(bench: Bench) -> None:

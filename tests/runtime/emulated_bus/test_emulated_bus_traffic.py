@@ -13,16 +13,11 @@ import pytest
 from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import traffic_of
 from steer_by_wire.closed_loop.pair.virtual_bus import SharedBus
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.runtime.emulated_bus import interface
 from steer_by_wire.runtime.emulated_bus.broker_connection import Connection
 from steer_by_wire.runtime.emulated_bus.channel import Channel, Traffic
-from steer_by_wire.runtime.emulated_bus.interface import EmulatedBus
 from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
-    Answer,
-    Buffer,
     Hello,
-    pack_buffer,
     pack_frame,
 )
 from steer_by_wire.runtime.frame import Frame
@@ -125,21 +120,3 @@ def test_other_people_s_messages_reach_the_clients_in_order() -> None:
         send(sender, own)
         bench.advance(10 * NS_PER_MS)
         assert own in received(client)
-
-
-def test_a_frame_behind_a_thousand_reports_on_buffers_is_received(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    ours, brokers = socket.socketpair()
-    ours.setblocking(False)
-    monkeypatch.setattr(interface, "join", lambda *_: (ours, Answer(BITRATE_BIT_S, 0)))
-    bus = EmulatedBus("can0")
-    with brokers:
-        reports = [Buffer(0x100, False, has_room) for has_room in (False, True)] * 600
-        records = [pack_buffer(CLASSIC_RECORD, report) for report in reports]
-        # At once: a socket has less room for many small pieces.
-        brokers.sendall(b"".join([*records, pack_frame(CLASSIC_RECORD, Frame(0x123, b"one"))]))
-        received = bus.recv(0.0)
-    bus.shutdown()
-    assert received is not None
-    assert received.arbitration_id == 0x123

@@ -110,11 +110,10 @@ def received(client: socket.socket) -> list[Frame]:
             break
         raw += part
     size = CLASSIC_RECORD.size
-    delivered = [
+    return [
         unpack_delivery(CLASSIC_RECORD, raw[start : start + size])[0]
         for start in range(0, len(raw), size)
     ]
-    return [one for one in delivered if isinstance(one, Frame)]
 
 
 def assert_bus_is_well(bench: Bench, one: socket.socket, other: socket.socket) -> None:

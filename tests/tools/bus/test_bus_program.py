@@ -231,30 +231,6 @@ def test_there_is_a_limit_to_clients_and_to_channels(
         client(stack, address, channel=str(most % channels))
 
 
-def test_a_client_refuses_only_what_its_full_buffer_would_hold(
-    stack: ExitStack, directory: Path
-) -> None:
-    address = str(directory / "socket")
-    broker = start_broker(stack, "--address", address, "--bitrate", "10000")
-    one, other = client(stack, address), client(stack, address)
-
-    def fill() -> None:
-        for _ in range(100_000):
-            one.recv(0.001)  # slower than the broker reports, faster than the wire
-            try:
-                one.send(message(0x300, bytes(8)), timeout=0)
-            except can.CanTimeoutError as error:
-                if "overloaded" not in str(error):  # A broker that is late reads nothing.
-                    raise
-
-    with pytest.raises(can.CanTimeoutError, match="frames of this identifier wait already"):
-        fill()
-    one.send(message(0x100), timeout=0)
-    while receive(other).arbitration_id != 0x100:
-        pass
-    broker.kill()  # A client that leaves waits until its frames have been taken.
-
-
 def test_a_report_holds_what_was_carried_and_who_was_thrown_out(
     stack: ExitStack, directory: Path
 ) -> None:
