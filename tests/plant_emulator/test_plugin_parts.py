@@ -130,27 +130,12 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("overrides", "line"),
     [
-        (
-            {f"{DOWN}.model": "nowhere:X"},
-            "No module named 'nowhere'; name its folder in PYTHONPATH",
-        ),
-        ({f"{DOWN}.model": ":X"}, "cannot be imported: ValueError: Empty module name"),
-        (own(DOWN, "NONE"), "the module tests.support.nodes.plugin_parts has no NONE"),
-        (
-            own(DOWN, "PLAIN"),
-            "is no latency model but of type dict: it has to be a steer_by_wire.L",
-        ),
         (own(DOWN, "BEND"), "is no latency model but of type PathModel: it has to be a steer_by_w"),
         (
             {f"{DOWN}.model": "gama"},
             'model = "gama" is not a known one (did you mean gamma? allowed: constant,',
         ),
-        ({f"{DOWN}.model": 3}, "model = 3 is not a known one (allowed: constant, uniform,"),
         (own(DOWN, "TWO_ROUTES"), "latency.downlink: own.slow_s is missing (allowed: number from"),
-        (
-            own(DOWN, "TWO_ROUTES", own__slow_s=0.2, own__share=2),
-            "own: share = 2 should be less than or equal to 1 (allowed: number from 0.0, up to 1.0",
-        ),
         (
             own(DOWN, "TWO_ROUTES", own__slow_s=0.2, own__shar=1),
             "own: shar is not a known key (did you mean share?)",
@@ -160,7 +145,6 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
             own(DOWN, "NEGATIVE"),
             ":NEGATIVE gives -1.0 s at u = 0.001, mean_s = 0, spread_s = 0 (al",
         ),
-        (own(DOWN, "WORD"), ":WORD gives 'soon' s at u = 0.001, "),
         (own(DOWN, "DIVIDES"), ":DIVIDES raises ZeroDivisionError: "),
         (own(DOWN, "RARELY_NAN", mean_s=0.01), ":RARELY_NAN gives nan s at u = 0.6"),
         ({"plant.path": {"kind": "own"}}, "path.model is missing"),

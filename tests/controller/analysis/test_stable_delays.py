@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.compiled.engine import run_compiled
+from steer_by_wire.closed_loop.compiled.engine import CompiledRun, run_compiled
+from steer_by_wire.closed_loop.studies.compiled_runs import verdict_on
 from steer_by_wire.controller.analysis.growing_modes import GrowingModes
 from steer_by_wire.controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import (
@@ -20,6 +21,7 @@ from steer_by_wire.controller.analysis.stable_delays import (
 )
 from steer_by_wire.controller.laws.law_from_settings import required
 from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.loops.wide_stretches import (
@@ -145,8 +147,8 @@ def boundaries(chosen: ControllerSettings) -> list[Boundary]:
     return found
 
 
-def steer_rad(boundary: Boundary) -> tuple[FloatArray, FloatArray]:
-    """Return times [s] and wheel angles [rad] of a run with a push of half a second."""
+def pushed(boundary: Boundary) -> tuple[CompiledRun, Verdict]:
+    """Return a run with a push of half a second, and the verdict on it."""
     plant = plant_preset(
         "paper_nominal",
         [
@@ -159,7 +161,7 @@ def steer_rad(boundary: Boundary) -> tuple[FloatArray, FloatArray]:
     )
     unguarded = plant.model_copy(update={"safety": UNGUARDED})
     run = run_compiled(unguarded, boundary.settings)
-    return run.time_s, run.wheel_angle_rad
+    return run, verdict_on(unguarded, boundary.settings, run)
 
 
 def growth_1_s(time_s: FloatArray, angle_rad: FloatArray) -> float:
@@ -190,4 +192,7 @@ def test_runs_settle_just_inside_every_boundary_and_grow_just_outside(
     for boundary in beside:
         expected_1_s = -loop.decay_1_s(boundary.delay_ns)
         assert (expected_1_s < 0.0) == boundary.inside
-        assert growth_1_s(*steer_rad(boundary)) == pytest.approx(expected_1_s, rel=0.1)
+        run, verdict = pushed(boundary)
+        growing_1_s = growth_1_s(run.time_s, run.wheel_angle_rad)
+        assert growing_1_s == pytest.approx(expected_1_s, rel=0.1)
+        assert (verdict is Verdict.HOLDS) == boundary.inside, verdict

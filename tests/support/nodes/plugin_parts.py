@@ -34,7 +34,6 @@ LIKE_UNIFORM = LatencyModel(
     lambda u, mean_s, spread_s, _own: max(0.0, mean_s + 3.0**0.5 * spread_s * (2.0 * u - 1.0))
 )
 NEGATIVE = LatencyModel(lambda _u, _mean_s, _spread_s, _own: -1.0)
-WORD = LatencyModel(lambda _u, _mean_s, _spread_s, _own: "soon")
 DIVIDES = LatencyModel(lambda u, mean_s, _spread_s, _own: u / mean_s)
 RARELY_NAN = LatencyModel(
     lambda u, mean_s, _spread_s, _own: float("nan") if 0.6 < u < 0.7 else mean_s
@@ -76,5 +75,3 @@ PUSH = [
 PUSHES = DisturbanceModel(lambda _own: PUSH)
 BACKWARDS = DisturbanceModel(lambda _own: reversed(PUSH))
 NUMBERS = DisturbanceModel(lambda _own: [1.0])
-
-PLAIN = {"quantile": two_routes}
