@@ -9,7 +9,6 @@ from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.analysis.check_figures import check_figures
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
-from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.limits.designed_ranges import (
     ValiditySettings,
     designed_ranges_of,
@@ -206,17 +205,6 @@ def test_declared_delays_without_a_box_are_those_of_the_nominal_vehicle() -> Non
     assert inside_the_gap.endswith(" ms, while [validity] declares 150 ms")
     beyond = found("practical_half_second_pd_ddob", 700.0)
     assert beyond == "not analysed: above 600 ms, while [validity] declares 700 ms"
-
-
-def test_the_corners_are_those_of_the_box_around_the_nominal_vehicle() -> None:
-    nominal = NominalVehicle(2000.0, 3728.0, 190e3, 500e3, 1.3, 1.5, 2.0, 1.5)
-    corners = WALKING.corners(nominal)
-    assert [(c.speed_m_s, c.virtual_mass_kg) for c in corners] == [
-        (1.0, 1600.0),
-        (1.0, 5000.0),
-        (2.0, 1600.0),
-        (2.0, 5000.0),
-    ]
 
 
 def test_an_empty_range_is_refused() -> None:

@@ -161,12 +161,6 @@ def test_a_step_by_hand() -> None:
     )
 
 
-@given(st.floats(-8.0, 8.0), uniforms, st.floats(5e-324, 1e-5))
-def test_the_past_is_forgotten_after_a_long_time(score: float, u: float, time_s: float) -> None:
-    assert correlated_score(score, u, math.inf, time_s) == normal_score(u)
-    assert correlated_score(score, u, 1.0, time_s) == normal_score(u)
-
-
 @given(st.floats(-50.0, 50.0))
 def test_a_score_is_a_uniform_that_every_quantile_can_take(score: float) -> None:
     u = uniform_of_score(score)

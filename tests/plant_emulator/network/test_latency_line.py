@@ -134,12 +134,6 @@ def test_without_latency_a_frame_is_due_at_the_very_instant_it_came(order: str) 
     assert [due_ns - came_ns for due_ns, came_ns, _ in popped] == [0, 0, 0]
 
 
-def test_a_constant_latency_is_exact_to_the_nanosecond() -> None:
-    tested = line(mean_s=0.012345678)
-    assert {frame.left_ns - frame.came_ns for frame in run(tested, 100)} == {12_345_678}
-    assert tested.latest_latency_ns == 12_345_678
-
-
 # What is drawn
 
 
@@ -176,25 +170,6 @@ def test_duplicates_come_beside_the_frames_and_do_not_shift_them() -> None:
     assert len(doubled) - len(plain) == tested.counts.duplicated
     assert 0.15 < tested.counts.duplicated / len(plain) < 0.35
     assert {frame.number for frame in doubled} == {frame.number for frame in plain}
-
-
-def test_every_frame_comes_twice_where_all_are_duplicated_and_a_lost_one_never() -> None:
-    tested = line(mean_s=0.01, duplicates=1.0, loss=0.5)
-    numbers = [frame.number for frame in run(tested, 100)]
-    lost = tested.counts.lost
-    assert 30 < lost < 70
-    assert len(numbers) == 2 * (100 - lost)
-    assert all(numbers.count(number) == 2 for number in numbers)
-
-
-def test_where_the_newest_wins_the_latency_of_what_left_is_shorter_than_what_was_injected() -> None:
-    tested = line(**JITTER)
-    run(tested, 5000)
-    injected, left = tested.injected.summary(), tested.latency.summary()
-    assert injected.mean_ns == pytest.approx(80e6, rel=0.02)
-    assert injected.p99_ns == pytest.approx(149.8e6, rel=0.03)
-    assert left.mean_ns < 0.9 * injected.mean_ns
-    assert left.samples < injected.samples == 5000
 
 
 def test_frames_that_come_at_one_instant_share_the_state_of_a_correlated_network() -> None:

@@ -92,20 +92,6 @@ def test_laps_repeat_and_the_heading_counts_on() -> None:
         assert curvature(path, s + 2.0 * path.length_m) == pytest.approx(curvature(path, s))
 
 
-def test_ellipse_points_lie_on_the_ellipse() -> None:
-    path = ellipse(60.0, 30.0)
-    for s in np.linspace(0.0, path.length_m, 500):
-        x, y, _ = pose(path, s)
-        assert (x / 60.0) ** 2 + (y / 30.0) ** 2 == pytest.approx(1.0, abs=1e-7)
-
-
-def test_circle_comes_back_to_its_start_after_its_circumference() -> None:
-    path = circle(20.0)
-    assert path.length_m == 40.0 * math.pi
-    assert pose(path, 10.0 * math.pi) == pytest.approx((0.0, 20.0, math.pi))
-    assert curvature(path, 1e6) == 0.05
-
-
 def test_straight_is_the_x_axis() -> None:
     assert pose(straight(), 123.0) == (123.0, 0.0, 0.0)
     assert curvature(straight(), 123.0) == 0.0
@@ -124,11 +110,6 @@ def test_lane_change_ends_at_its_offset_and_length_with_the_heading_it_began_wit
     assert (x, y) == pytest.approx((start_m + length_m, offset_m), abs=1e-9)
     assert heading == pytest.approx(0.0, abs=1e-12)
     assert curvature(path, path.length_m + 1.0) == 0.0
-
-
-def test_steepest_lane_change_still_arrives() -> None:
-    path = single_lane_change(0.0, -5.0, 10.0)
-    assert pose(path, path.length_m) == pytest.approx((10.0, -5.0, 0.0), abs=1e-9)
 
 
 def test_double_lane_change_returns_in_the_proportions_of_iso_3888_1() -> None:

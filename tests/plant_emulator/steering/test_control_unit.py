@@ -103,6 +103,13 @@ def test_silence_counts_behind_the_latency_line() -> None:
         assert report["recoveries"] == holdings
 
 
+def test_commands_that_are_not_followed_are_no_silence() -> None:
+    """In the safe state too: what is reported is the network, not what is made of it."""
+    report = silent(safety={"override_at_s": 0.2}).node.report()["safety"]
+    assert report["ignored_commands"] > 25
+    assert report["longest_silence_s"] == pytest.approx(0.01)
+
+
 @pytest.mark.parametrize("ahead", [0, -3, 120])
 def test_commands_refused_for_their_counter_alone_leave_the_run_of_good_ones(ahead: int) -> None:
     """Repeated, out of order, too far: a network that doubles every command must not end it."""

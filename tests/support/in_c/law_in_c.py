@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from steer_by_wire.closed_loop.reports.terminal import plain_console
+from steer_by_wire.closed_loop.lockstep.record import RECORD_BYTES, Record, pack
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.limits.fades_and_ramps import difference_step, ramp_step
 from steer_by_wire.controller.limits.steer_limits import limit_step
@@ -35,13 +35,16 @@ DRIVE = """
 #include "lockstep.h"
 #include "steering_law.h"
 
-enum { TICKS = 27, COLUMNS = 6 };
+enum { TICKS = 26, COLUMNS = 6 };
 
 int read_record(struct lockstep_record *record);
 int write_record(const struct lockstep_record *record);
 
-/* Both directions have the size of a record, and hold numbers only. */
-static union { struct lockstep_record record; double numbers[TICKS][COLUMNS]; } in, out;
+/* Both directions are a record without frames: numbers stand in their place. */
+static union {
+    struct lockstep_record record;
+    struct { unsigned char head[16]; double numbers[TICKS][COLUMNS]; } of;
+} in, out;
 static struct law law;
 static double sent_rad, fade_rad;
 
@@ -64,14 +67,16 @@ int main(void)
 {
     while (read_record(&in.record)) {
         for (int i = 0; i < TICKS; i++)
-            tick(in.numbers[i][0], in.numbers[i][1] > 0.0, out.numbers[i]);
+            tick(in.of.numbers[i][0], in.of.numbers[i][1] > 0.0, out.of.numbers[i]);
         if (!write_record(&out.record))
             return 1;
     }
     return 0;
 }
 """
-TICKS_A_RECORD, COLUMNS = 27, 6
+TICKS_A_RECORD, COLUMNS = 26, 6
+HEAD = pack(Record(0, 0))[:16]
+ROOM = RECORD_BYTES - len(HEAD)
 EXTREMES = (0.0, -0.0, 5e-324, -1e-310, 1e155, -1e300, float("inf"), float("nan"))
 M7_FLAGS = (
     *("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb"),
@@ -105,17 +110,6 @@ def hosts(compiler: str = "gcc") -> list[Target]:
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed: it did not compile the generated C")
     return [Target(compiler, (option,)) for option in ("-O0", "-O2")]
-
-
-def every_target() -> list[Target]:
-    """Return those of a search: gcc, clang and the Cortex-M7; says which compiler is missing."""
-    found: list[Target] = []
-    for compiler in ("gcc", "clang"):
-        try:
-            found += [*hosts(compiler), Target(compiler, SANITIZED)]
-        except pytest.skip.Exception as skipped:
-            plain_console().print(str(skipped))
-    return [*found, m7("-O2")]
 
 
 def m7(option: str) -> Target:
@@ -179,12 +173,13 @@ def built(folder: Path, target: Target) -> Path:
 def in_c(program: Path, driven: Floats, runner: Sequence[str] = ()) -> Floats:
     """Return what each tick gives in a program."""
     records = -(-len(driven) // TICKS_A_RECORD)
-    rows = np.zeros((records * TICKS_A_RECORD, COLUMNS))
-    rows[: len(driven), :2] = driven
-    run = subprocess.run(
-        [*runner, str(program)], input=rows.tobytes(), stdout=subprocess.PIPE, check=True
-    )
-    return np.frombuffer(run.stdout).reshape(-1, COLUMNS)[: len(driven)]
+    rows = np.zeros((records, TICKS_A_RECORD * COLUMNS))
+    rows.reshape(-1, COLUMNS)[: len(driven), :2] = driven
+    asked = b"".join(HEAD + row.tobytes().ljust(ROOM, b"\0") for row in rows)
+    run = subprocess.run([*runner, str(program)], input=asked, stdout=subprocess.PIPE, check=True)
+    answers = np.frombuffer(run.stdout, np.uint8).reshape(-1, RECORD_BYTES)[:, len(HEAD) :]
+    numbers = np.ascontiguousarray(answers[:, : rows.itemsize * rows.shape[1]]).view(np.float64)
+    return numbers.reshape(-1, COLUMNS)[: len(driven)]
 
 
 def differing(one: Floats, other: Floats) -> int:

@@ -70,17 +70,3 @@ def size_on_m7(folder: Path, sources: Sequence[str], asked: bytes) -> Size:
     usage = [line for file in folder.glob("*.su") for line in file.read_text().splitlines()]
     frames = [int(line.split()[-2]) for line in usage]
     return Size(text + data, data + bss, int(used[1], 16), sum(frames))
-
-
-def logging_words(words: Sequence[str], log: Path) -> list[str]:
-    """Return a command of QEMU that writes each instruction to a log."""
-    options = ["-singlestep", "-d", "exec,nochain", "-D", str(log)]
-    return [words[0], *options, *words[1:]]
-
-
-def executed(log: Path) -> int:
-    """Return how many instructions are in a log, which is removed."""
-    with log.open(errors="replace") as lines:
-        count = sum(line.startswith("Trace ") for line in lines)
-    log.unlink()
-    return count

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -32,7 +31,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import LARGEST
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.tools.run import __main__ as closed_loop
 from tests.support.frames.made_messages import command_of
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
@@ -117,22 +116,6 @@ def test_the_end_comes_when_the_wheel_has_been_ramped_to_zero() -> None:
     end_ns = finish(tested)
     assert (end_ns - START_NS) * 1e-9 - failed_s == pytest.approx(3.0, abs=0.011)
     assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        *(("overruns_max", value) for value in ("-1", "never")),
-        *(("missed_periods_max", "-1"), ("window_periods", "0")),
-    ],
-)
-def test_a_bad_bound_is_reported_in_one_line(key: str, value: str) -> None:
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    for model, below in ((PlantSettings, None), (ControllerSettings, preset)):
-        with pytest.raises(SettingsError, match=f"overruns.{key} = ") as caught:
-            load_settings(model, below, overrides=[f"overruns.{key}={value}"])
-        (line,) = caught.value.mistakes
-        assert line.endswith("or off)") is (key in ("overruns_max", "missed_periods_max"))
 
 
 # No number

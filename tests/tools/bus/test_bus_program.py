@@ -284,34 +284,6 @@ def test_ctrl_c_before_it_listens_is_no_orderly_end(monkeypatch: pytest.MonkeyPa
 # python-can's own programs
 
 
-def test_pythoncans_player_and_logger_work(stack: ExitStack, directory: Path) -> None:
-    address = str(directory / "socket")
-    start_broker(stack, "--address", address)
-    log = directory / "frames.log"
-    lines = [f"({n / 1000:.6f}) can0 {0x100 + n:03X}#{n:02X}AA" for n in range(20)]
-    log.write_text("\n".join(lines) + "\n")
-    options = ["-i", "emulated", "-c", "tools", "--bus-kwargs", f"address={address}"]
-    logger = stack.enter_context(
-        subprocess.Popen(
-            [sys.executable, "-u", "-m", "can.logger", *options], stdout=subprocess.PIPE, text=True
-        )
-    )
-    stack.callback(logger.kill)
-    assert logger.stdout is not None
-    while "Started on" not in logger.stdout.readline():
-        assert logger.poll() is None
-    subprocess.run(
-        [sys.executable, "-m", "can.player", *options, "--ignore-timestamps", str(log)],
-        check=True,
-        stdout=subprocess.DEVNULL,
-    )
-    printed = [logger.stdout.readline() for _ in lines]
-    assert [line.split("ID:")[1].split()[0] for line in printed] == [
-        f"{0x100 + n:03x}" for n in range(20)
-    ]
-    assert all("Channel: tools" in line for line in printed)
-
-
 def test_a_signal_that_another_thread_takes_ends_a_broker_that_waits() -> None:
     def take() -> None:
         signal.pthread_kill(threading.get_ident(), signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""The node in C sends the frames of the node in Python (longer: ``tests.searches.firmware``)."""
+"""The node in C sends the frames of the node in Python."""
 
 import random
 import subprocess
@@ -30,6 +30,7 @@ from tests.support.in_c.node_in_c import (
     settings_of,
 )
 from tests.support.in_c.size_on_m7 import size_on_m7
+from tests.support.suite.combinations import sampled
 
 SETTINGS = settings_of("practical_pd_ddob", "overruns.overruns_max=3")
 PROMISED = controller_preset("practical_pd_ddob", [PREVIEW])
@@ -91,7 +92,7 @@ def test_after_a_bus_was_held_up(in_c: Sequence[str]) -> None:
 
 
 def test_through_all_that_happens_to_frames(in_c: Sequence[str]) -> None:
-    nodes = through_all(20)
+    nodes = through_all(sampled(20, 400))
     agree(in_c, nodes)
     causes = {cause for node in nodes for cause in node.report()["rejected"]}
     assert {"bad_crc", "own_identifier", "no_key", "not_available", "too_far"} <= causes

@@ -1,30 +1,46 @@
 """The generated law gives the bits of the Python that it is generated from."""
 
+from itertools import product
 from pathlib import Path
 
 import pytest
 
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.tools.generate_c.law_source import LAWS
-from tests.support.in_c.law_in_c import built, differing, drawn, hosts, in_c, in_python, m7, written
+from tests.support.in_c.law_in_c import (
+    SANITIZED,
+    Target,
+    built,
+    differing,
+    drawn,
+    hosts,
+    in_c,
+    in_python,
+    m7,
+    presets_in_c,
+    written,
+)
+from tests.support.suite.combinations import sampled
 
 TICKS = 3_000
 
 
+PAIRS = [
+    *((f"practical_{law}", "gcc") for law in LAWS),
+    ("paper_pd_ddob", "gcc"),
+    ("paper_pd_ddob", "clang"),
+]
+
+
 @pytest.mark.parametrize(
-    ("preset", "compiler"),
-    [
-        *((f"practical_{law}", "gcc") for law in LAWS),
-        ("paper_pd_ddob", "gcc"),
-        ("paper_pd_ddob", "clang"),
-    ],
+    ("preset", "compiler"), sampled(PAIRS, [*product(presets_in_c(), ("gcc", "clang"))])
 )
 def test_every_tick_has_the_same_bits(preset: str, compiler: str, tmp_path: Path) -> None:
     """The paper's has integrators, whose state at rest is a case of its own."""
     settings = controller_preset(preset, ["followed_point=preview"])
     driven = drawn(1, TICKS)
     expected, folder = in_python(settings, driven), written(settings, tmp_path)
-    for target in hosts(compiler):
+    for target in (*hosts(compiler), *sampled((), (Target(compiler, SANITIZED),))):
         assert differing(expected, in_c(built(folder, target), driven)) == -1, target
 
 

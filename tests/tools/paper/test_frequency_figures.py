@@ -22,10 +22,6 @@ from steer_by_wire.tools.paper.result import Reproduction, Verdict
 from tests.support.suite.curves import alike_without_colour
 
 
-def decibels(ratio: float) -> float:
-    return 20.0 * math.log10(ratio)
-
-
 def check_form(reproduction: Reproduction, key: str) -> None:
     assert reproduction.key == key
     for picture in reproduction.pictures:
