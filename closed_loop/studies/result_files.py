@@ -31,7 +31,7 @@ from ...runtime.program.output_folder import refuse_another_run
 from ...runtime.settings import SettingsError
 from .compiled_figures import COLUMNS, COUNTS, verdicts
 from .compiled_runs import Computed
-from .row_file import count_rows, pyarrow, read_table, write_rows
+from .row_file import check, count_rows, pyarrow, read_table, write_rows
 from .scenario import Scenarios
 
 CHUNK_RUNS = 4096
@@ -89,7 +89,7 @@ class Store:
         write_text(file, identity)
         write_text(self.folder / "study.toml", text)
         if self.is_complete:
-            count_rows(self.results, self._record)
+            check(self.results, self._record)
             shutil.rmtree(self._chunks, ignore_errors=True)
         else:
             self._chunks.mkdir(exist_ok=True)

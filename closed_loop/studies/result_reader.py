@@ -23,7 +23,7 @@ from ...runtime.input_file import read_bytes
 from ...runtime.settings import SettingsError
 from .compiled_figures import COLUMNS
 from .result_files import RESULTS, STUDY
-from .row_file import count_rows, read_table
+from .row_file import check, read_table
 from .study_file import ReportSettings
 
 VERDICTS = tuple(Verdict)
@@ -123,7 +123,7 @@ def read_study(folder: Path) -> StudyRecord:
             f"{file}: cannot be read: {error.strerror}; give the folder of a study's results"
         ) from error
     for results in _files(folder):
-        count_rows(results, content)  # after this the record is as it was written
+        check(results, content)  # after this the record is as it was written
     record = json.loads(content)
     if [record.get("version"), record.get("columns")] != [
         version("steer-by-wire-emulator"),

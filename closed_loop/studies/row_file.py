@@ -1,7 +1,14 @@
-"""A Parquet file of a study's rows, with Parquet's own checksums and a digest of its study."""
+"""A Parquet file of a study's rows, with one digest that binds it to its study.
+
+    digest = SHA-256(record of the study, all bytes of the file but the digest's own)
+
+The digest stands in the file's metadata. Every reading checks it: a flipped bit anywhere in the
+file, and the rows of another study, raise a SettingsError of one line.
+"""
 
 import hashlib
 import importlib
+import mmap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -11,7 +18,9 @@ from ...runtime.command_line import installation
 from ...runtime.output_file import write_whole
 from ...runtime.settings import SettingsError
 
-_KEY = b"study"
+_MARK = b"sha256:"
+_BLANK = b"0" * 64
+_METADATA = {"digest": _MARK + _BLANK}
 
 
 def pyarrow() -> tuple[ModuleType, ModuleType]:
@@ -27,15 +36,15 @@ def pyarrow() -> tuple[ModuleType, ModuleType]:
 def write_rows(file: Path, record: bytes, schema: Any, tables: Iterable[Any]) -> None:
     """Write tables of this schema, one after another, into one file; raises OSError."""
     _, parquet = pyarrow()
-    metadata = {_KEY: _digest(record)}
 
     def write(place: Path) -> None:
-        marked = schema.with_metadata(metadata)
-        with parquet.ParquetWriter(
-            place, marked, compression="zstd", write_page_checksum=True
-        ) as writer:
+        marked = schema.with_metadata(_METADATA)
+        with parquet.ParquetWriter(place, marked, compression="zstd") as writer:
             for table in tables:
-                writer.write_table(table.replace_schema_metadata(metadata))
+                writer.write_table(table.replace_schema_metadata(_METADATA))
+        with place.open("r+b") as stream, mmap.mmap(stream.fileno(), 0) as content:
+            first = content.rfind(_MARK) + len(_MARK)
+            content[first : first + len(_BLANK)] = _digest(record, content, first)
 
     write_whole(file, write)
 
@@ -46,39 +55,46 @@ def read_table(
     columns: Sequence[str] | None = None,
     filters: Sequence[tuple[str, str, Any]] | None = None,
 ) -> Any:
-    """Return a file's rows as a table; raises SettingsError where it is damaged or another's.
+    """Return a file's rows as a table, after a check of its digest; raises SettingsError.
 
     ``columns``  all by default
     ``filters``  which rows, in pyarrow's form; all by default
     """
     _, parquet = pyarrow()
-    count_rows(file, record)
+    check(file, record)
     chosen = None if filters is None else [*filters]
-    try:
-        return parquet.read_table(
-            file, columns=columns, filters=chosen, page_checksum_verification=True
-        )
-    except (OSError, ValueError) as error:
-        raise _damaged(file, str(error)) from error
+    return parquet.read_table(file, columns=columns, filters=chosen)
 
 
 def count_rows(file: Path, record: bytes) -> int:
-    """Return how many rows a file has; raises SettingsError as ``read_table``."""
+    """Return how many rows a file has, after a check of its digest; raises SettingsError."""
     _, parquet = pyarrow()
+    check(file, record)
+    return int(parquet.read_metadata(file).num_rows)
+
+
+def check(file: Path, record: bytes) -> None:
+    """Refuse a damaged file, and the rows of another study; raises SettingsError."""
     try:
-        found = parquet.read_metadata(file)
-        is_own = (found.metadata or {}).get(_KEY) == _digest(record)
-    except (OSError, ValueError) as error:  # ValueError for what is no Parquet
-        raise _damaged(file, str(error)) from error
+        with (
+            file.open("rb") as stream,
+            mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content,
+        ):
+            first = content.rfind(_MARK) + len(_MARK)
+            is_own = content[first : first + len(_BLANK)] == _digest(record, content, first)
+    except (OSError, ValueError) as error:  # ValueError for an empty file
+        raise SettingsError(f"{file}: results cannot be read: {error}") from error
     if not is_own:
-        raise _damaged(file, "its rows are of another study")
-    return int(found.num_rows)
+        raise SettingsError(
+            f"{file}: damaged, or of another study; remove it, and the study computes its rows "
+            "again"
+        )
 
 
-def _damaged(file: Path, why: str) -> SettingsError:
-    text = f"{file}: {' '.join(why.split())}; remove it, and the study computes its rows again"
-    return SettingsError(text)
-
-
-def _digest(record: bytes) -> bytes:
-    return hashlib.sha256(record).hexdigest().encode()
+def _digest(record: bytes, content: mmap.mmap, first: int) -> bytes:
+    """Return the digest of a file but for the place of the digest, which is at ``first``."""
+    found = hashlib.sha256(record)
+    with memoryview(content) as view:
+        found.update(view[:first])
+        found.update(view[first + len(_BLANK) :])
+    return found.hexdigest().encode()
