@@ -62,7 +62,17 @@ nitpick_ignore_regex = [("py:.*", r".*")]
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
-    "filename_pattern": r"/(?!foreign_)\w+\.py$",
+    "filename_pattern": r"/\w+\.py$",
+    # It needs a bus, and is shown where its protocol is explained.
+    "ignore_pattern": r"/foreign_\w+\.py$",
+    # An example writes its pictures to files; a notebook also shows them.
+    "last_notebook_cell": (
+        "from pathlib import Path\n"
+        "from IPython.display import Image, display\n"
+        "\n"
+        "for picture in sorted(Path('out/examples').glob('*.png')):\n"
+        "    display(Image(picture))"
+    ),
     "image_scrapers": ("gallery_pictures.take_pictures",),
     "download_all_examples": False,
     "show_memory": False,
