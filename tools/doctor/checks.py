@@ -7,10 +7,8 @@ import shutil
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,9 +24,6 @@ from ...with_vcan.request import Request, missing_programs
 
 DETECTION_TIMEOUT_S = 20.0
 """Time limit for all adapters together: a driver that hangs must not hang us."""
-CLOCK_READINGS = 2000
-CLOCK_STEP_NS_MAX = 100_000
-"""A hundredth of a control period of 10 ms."""
 NO_ADAPTERS = ("virtual", "udp_multicast")
 """What python-can always detects."""
 CHANNELS_SHOWN_MAX = 4
@@ -62,7 +57,7 @@ def examine() -> tuple[Section, ...]:
         ),
         Section("ways to a vcan0 (tools/with_vcan)", (*_ways_to_vcan(),)),
         Section("the programs without -i", (_choice(),)),
-        Section("real time", (*_clocks(), *_rights())),
+        Section("real time", (*_rights(),)),
     )
 
 
@@ -193,21 +188,6 @@ def _choice() -> Finding:
         return Finding("bus", False, str(error), "give -i and -c, or mend the configuration")
     advice = "start steer-by-wire bus" if choice.interface == "emulated" else ""
     return Finding("bus", True, f"{choice.name} ({choice.reason})", advice)
-
-
-def _clocks() -> list[Finding]:
-    info = time.get_clock_info("monotonic")
-    readings = [time.monotonic_ns() for _ in range(CLOCK_READINGS)]
-    steps_ns = sorted(after - before for before, after in pairwise(readings) if after > before)
-    if not steps_ns:
-        return [Finding("clock", False, f"stands still for {CLOCK_READINGS} readings")]
-    resolution_ns, step_ns = round(1e9 * info.resolution), steps_ns[len(steps_ns) // 2]
-    good = max(resolution_ns, step_ns) <= CLOCK_STEP_NS_MAX
-    detail = (
-        f"{info.implementation}, resolution {resolution_ns} ns, two readings {step_ns} ns apart"
-    )
-    advice = "" if good else "choose control periods of many such steps"
-    return [Finding("clock", good, detail, advice)]
 
 
 def _rights() -> list[Finding]:

@@ -10,7 +10,7 @@ from ...runtime.port.port import ClosablePort
 from .fault_frames import FrameSource
 
 TURN_NS = 1_000_000
-"""Pause when the bus is full: it carries four frames meanwhile and has 64 of ours ready."""
+"""Pause when the bus is full: it carries four frames meanwhile and has 16 of ours ready."""
 _WAIT_NS_MAX = 50_000_000
 """Longest time until a request to end takes effect."""
 _RECEIVED_PER_TURN_MAX = 100
