@@ -10,13 +10,14 @@ Over the whole run: RMS and peak of w and of y, RMS and peak of δ, RMS of δ̇ 
 the settling time of e in its band, the share of control periods in which a command was at its
 limits, and the latency of the commands in effect. From ``settled_s`` of the verdict on: RMS of w
 and of y. Of the judged point: its peak, in the whole run and from ``settled_s`` on. Of the body:
-its distance beyond an edge of its corridor.
+its distance beyond an edge of its corridor, and of its lane.
 
 At its end: the figures of ``plant_emulator.evaluation.error_windows``, from which the verdict
 follows.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ from ...plant_emulator.evaluation.error_windows import (
 from ...plant_emulator.evaluation.judged_point import behind_preview_m
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, Peaks, RunEnd, Verdict, VerdictRules
 from ...plant_emulator.path.corridor import BETWEEN, corridor_of, outside_at
+from ...plant_emulator.path.lane import beyond_lane_m
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
@@ -87,6 +89,8 @@ class Figures(NamedTuple):
     settled_peak_m: float
     outside_m: float
     """Of the body beyond an edge of its corridor; NaN where the path has none."""
+    beyond_lane_m: float
+    """Of a car's body beyond an edge of its lane; NaN for a linear vehicle."""
     sensor_noise_m: float
     """Its standard deviation on the lateral error."""
     fault_s: float
@@ -142,25 +146,26 @@ def figures_of(
     wheel_rad: RealArray,
     sent_rad: RealArray,
     latency: LatencyFigures = NO_LATENCY,
-    outside_m: float = math.nan,
+    body_m: tuple[float, float] = (math.nan, math.nan),
 ) -> Figures:
     """Return the figures of one run.
 
     ``judged_m``  error of the judged point, as all others one per sensor period
     ``sent_rad``  one command per control period
+    ``body_m``    ``outside_m`` and ``beyond_lane_m``
     """
     nan = math.nan
     if not len(time_s):
         blank = Figures(*[nan] * len(Figures._fields))
         return blank._replace(
-            latency_mean_s=latency.mean_s, latency_p99_s=latency.p99_s, outside_m=outside_m
+            latency_mean_s=latency.mean_s, latency_p99_s=latency.p99_s, outside_m=body_m[0]
         )
     moved = time_s, lateral_error_m, cg_deviation_m, judged_m, wheel_rad
     car, windows, effort, preview, settled, peaks = _moved_figures(rules, *moved, sent_rad)
     return Figures._make(
         (
             *(*car, *windows, *effort, *preview, *latency, *settled, *peaks),
-            *(outside_m, rules.sensor_noise_m, nan, nan, nan),
+            *(*body_m, rules.sensor_noise_m, nan, nan, nan),
         )
     )
 
@@ -288,6 +293,25 @@ def farthest_outside_m(
     path = build_path(plant.path)
     found = (outside_at(corridor, path, *row, preview_m) for row in zip(*columns, strict=True))
     return max(found, default=BETWEEN).outside_m
+
+
+def farthest_beyond_lane_m(
+    plant: PlantSettings,
+    heading_rad: FloatArray,
+    error_m: FloatArray,
+    curvature_1_m: FloatArray,
+    deviation_m: Callable[[float], FloatArray],
+) -> float:
+    """Return how far a car's body was beyond an edge of its lane; NaN for a linear vehicle.
+
+    ``deviation_m``  of the point that lies so far behind the preview point, one a sample
+    """
+    if plant.car is None or not len(error_m):
+        return math.nan
+    lane, preview_m = plant.car.lane, plant.vehicle.preview_distance_m
+    rear_m = deviation_m(preview_m + lane.rear_m)
+    at = preview_m, heading_rad, error_m, curvature_1_m
+    return float(np.max(beyond_lane_m(lane, *at, rear_m)))
 
 
 def short_windows(rules: VerdictRules, duration_s: float) -> str:

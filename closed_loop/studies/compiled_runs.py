@@ -25,6 +25,7 @@ from .compiled_figures import (
     FigureRules,
     Figures,
     LatencyFigures,
+    farthest_beyond_lane_m,
     farthest_outside_m,
     figures_of,
     latency_figures,
@@ -61,8 +62,11 @@ def _figures(
     judged_m = cg_m if is_car else run.deviation_m(behind_m)
     moved = run.time_s, run.lateral_error_m, cg_m, judged_m, run.wheel_angle_rad
     at = run.arc_length_m, run.heading_error_rad, run.lateral_error_m
-    outside_m = farthest_outside_m(plant, *at)
-    return figures_of(rules, *moved, run.sent_rad, latency, outside_m)
+    _, heading_rad, error_m = at
+    bends = heading_rad, error_m, run.curvature_1_m
+    beyond_m = farthest_beyond_lane_m(plant, *bends, run.deviation_m)
+    body_m = farthest_outside_m(plant, *at), beyond_m
+    return figures_of(rules, *moved, run.sent_rad, latency, body_m)
 
 
 class Computed(NamedTuple):

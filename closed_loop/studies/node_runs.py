@@ -6,6 +6,7 @@ may be a program in lockstep: its commands are known from the bus.
 """
 
 from contextlib import suppress
+from functools import partial
 from itertools import repeat
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from ...dbc.bus_language import read_language
 from ...plant_emulator.evaluation.run_verdict import RANGE_M, RunEnd, VerdictRules
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.path.cg_deviation import cg_deviation_m
-from ...plant_emulator.path.path import Path
+from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.quiet_bus import QuietBus
@@ -33,6 +34,7 @@ from .compiled_figures import (
     COUNTS,
     FigureRules,
     Figures,
+    farthest_beyond_lane_m,
     farthest_outside_m,
     figures_of,
     latency_figures,
@@ -88,7 +90,7 @@ def run_on_nodes(
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
     row[-len(COUNTS) :] = (samples, len(sent_rad), downlink["released"], *lost)
-    if has_left:
+    if has_left or report["failure"]:  # the plant's own: a car that has left its path
         return RunEnd.LEFT_RANGE
     return RunEnd.CONTROLLER_FAILED if controller.report()["failure"] else RunEnd.COMPLETE
 
@@ -122,6 +124,9 @@ def figures_of_trace(
     judged_m = known.get(rules.behind_preview_m)
     if judged_m is None:
         judged_m = _deviation_m(path, trace, rules.behind_preview_m)
+    rho = np.array([curvature(path, at_m) for at_m in trace.arc_length_m.tolist()])
+    bends = trace.heading_error_rad, trace.lateral_error_m, rho
+    beyond_m = farthest_beyond_lane_m(plant, *bends, partial(_deviation_m, path, trace))
     return figures_of(
         rules,
         np.ascontiguousarray(trace.time_s[:samples]),
@@ -131,7 +136,7 @@ def figures_of_trace(
         np.ascontiguousarray(trace.wheel_angle_rad[:samples]),
         sent_rad,
         latency_figures(trace.downlink_latency_s[:samples]),
-        farthest_outside_m(plant, *(column[:samples] for column in at)),
+        (farthest_outside_m(plant, *(column[:samples] for column in at)), beyond_m),
     )
 
 

@@ -46,6 +46,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "preview_peak_m": _driven("preview_peak_m"),
         "settled_peak_m": _driven("settled_peak_m"),
         "outside_m": Quantity(_outside),
+        "beyond_lane_m": Quantity(lambda report: report["node"].get("beyond_lane_m")),
         "final_m": _driven("final_m"),
         "settling_s": _driven("settling_s"),
         "wheel_angle_peak_rad": _driven("wheel_angle_peak_rad"),

@@ -20,6 +20,7 @@ def motion_report(
     ``settling_s``        from when on the judged point stays in its band; None if it ends outside
     ``verdict``           on the run so far, of its ``judged_point``, by ``judged_peak_m``,
                           ``settled_peak_m`` (from ``settled_s`` on) and ``windows``
+    ``beyond_lane_m``     how far a corner of a car was beyond an edge of its lane; None without one
     ``corridor``          where the body was farthest beyond an edge (``path.corridor.Outside``);
                           None without a corridor, and before it
     ``limited_share``     share of the time in which a limit, and not the command, decided about the
@@ -47,6 +48,7 @@ def motion_report(
         "judged_peak_m": peaks_m.whole_m,
         "settled_s": rules.settled_s,
         "settled_peak_m": None if math.isnan(peaks_m.settled_m) else peaks_m.settled_m,
+        "beyond_lane_m": None if math.isnan(peaks_m.beyond_lane_m) else peaks_m.beyond_lane_m,
         "corridor": figures.outside._asdict()
         if figures.outside and figures.outside.section
         else None,

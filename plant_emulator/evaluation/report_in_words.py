@@ -123,6 +123,12 @@ def _left(node: Report) -> str:
     return f"{_point(node)} up to {peak} off after {settled_s:g} s, though back at the end"
 
 
+def _beyond(node: Report) -> str:
+    if node.get("beyond_lane_m") is None:
+        return f"the error reached {_millimetres(node['judged_peak_m'])}"
+    return f"a corner of the body left the lane by {_millimetres(node['beyond_lane_m'])}"
+
+
 def _in_corridor(node: Report) -> str:
     where = node["corridor"]
     return f"{where['at_m']:.1f} m (section {where['section']})"
@@ -155,7 +161,7 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
         Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow{_wheel(node)}",
         Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last{_wheel(node)}",
         Verdict.DRIFTS: _drifts,
-        Verdict.LEFT_ROAD: lambda node: f"the error reached {_millimetres(node['judged_peak_m'])}",
+        Verdict.LEFT_ROAD: _beyond,
         Verdict.DECAYS: lambda node: f"{_off(node)}; less than before, too late",
         Verdict.OFF_PATH: _off,
         Verdict.LEFT_PATH: _left,

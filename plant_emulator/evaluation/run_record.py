@@ -12,6 +12,7 @@ from ...runtime.fast_named_tuple import new_record
 from ...runtime.output_file import open_text
 from ..path.cg_deviation import cg_deviation_m
 from ..path.corridor import BETWEEN, Corridor, Outside, outside_at
+from ..path.lane import Lane, beyond_lane_m
 from ..path.path import Path, pose
 from ..vehicle.exact_propagation import LinearState
 from ..vehicle.moving_vehicle import Motion
@@ -68,6 +69,7 @@ class RunningFigures:
     ``newest_m``    of the judged point's error, as ``peaks_m``
     ``settled_at``  number of the sample from which the judged point has stayed in its band
     ``outside``     where the body was farthest beyond an edge of its corridor; None without one
+    ``beyond_lane_m``  how far a corner of the body was beyond an edge of its lane; NaN without one
     ``limited``     samples at which a limit decided about the wheel, by its name
     """
 
@@ -76,6 +78,7 @@ class RunningFigures:
     ) -> None:
         self.settled_after = settled_after
         self.outside: Outside | None = None
+        self.beyond_lane_m = math.nan
         self.samples = 0
         self.preview_peak_m = 0.0
         self.final_m = 0.0
@@ -131,6 +134,7 @@ class RunningFigures:
             self._judged_peak_m,
             self._settled_peak_m if has_settled else math.nan,
             math.nan if self.outside is None else self.outside.outside_m,
+            self.beyond_lane_m,
         )
 
     @property
@@ -162,6 +166,7 @@ class RunRecord:
     ``period_s``     of the sensors
     ``samples_max``  how many are kept in ``samples``
     ``corridor``     in which the body has to stay
+    ``lane``         of a car, and its body
     """
 
     def __init__(
@@ -173,7 +178,9 @@ class RunRecord:
         period_s: float,
         samples_max: int,
         corridor: Corridor | None = None,
+        lane: Lane | None = None,
     ) -> None:
+        self._lane = lane
         self.rules, self.period_s = rules, period_s
         newest = samples_judged(rules, duration_s, period_s)
         settled_after = math.ceil(rules.settled_s / period_s)
@@ -231,6 +238,14 @@ class RunRecord:
                 where = at_m, heading_rad, error_m, preview_m
                 outside = outside_at(self._corridor, path, *where)
                 self._figures.outside = max(self._figures.outside or BETWEEN, outside)
+            if self._lane is not None:
+                rear_m = cg_deviation_m(
+                    path, at_m, heading_rad, error_m, preview_m + self._lane.rear_m
+                )
+                at = preview_m, heading_rad, error_m, rho
+                beyond_m = float(beyond_lane_m(self._lane, *at, rear_m))
+                # The first one takes the place of a NaN.
+                self._figures.beyond_lane_m = max(beyond_m, self._figures.beyond_lane_m)
             figures.append((error_m, cg_m, judged_m, wheel_rad, limit))
             if len(figures) > room:
                 continue

@@ -11,7 +11,8 @@ The first that applies:
     limit cycle   an oscillation lasts: its amplitude is at least ``sustained`` times that before
     drifts        the mean of the last window is farther from the path than that of the window
                   before, moves away at ``drift_m_s`` or faster, and is beyond ``off_path_m``
-    left road     the error exceeded ``road_m`` at any time, even if it has come back
+    left road     the error exceeded ``road_m`` at any time, even if it has come back; of a car:
+                  a corner of its body was beyond an edge of its lane
     decays        not on the path in the last window, but the largest error there is less than
                   ``sustained`` times that in the window before: it comes back, too late
     off path      not on the path in the last window
@@ -155,11 +156,13 @@ class Peaks(NamedTuple):
 
     ``settled_m``  from ``settled_s`` on; NaN for a shorter run
     ``outside_m``  of the body, beyond an edge of its corridor; NaN where the path has none
+    ``beyond_lane_m``  of the body, beyond an edge of its lane; NaN for a vehicle without a body
     """
 
     whole_m: float
     settled_m: float
     outside_m: float = math.nan
+    beyond_lane_m: float = math.nan
 
 
 def verdicts(
@@ -173,7 +176,7 @@ def verdicts(
 
     ``ends``     shape (runs,), places in ``RUN_ENDS``
     ``noise_m``  shape (runs,), standard deviation of the sensor's noise on the lateral error
-    ``peaks_m``  shape (runs, 3), in the order of ``Peaks``
+    ``peaks_m``  shape (runs, 4), in the order of ``Peaks``
     ``windows``  shape (runs, figures), in the order of ``WindowFigures``
     """
 
@@ -206,7 +209,7 @@ def verdicts(
     mean_m, drift_m_s = column("mean_m"), column("drift_m_s")
     is_farther = np.abs(mean_m) > np.maximum(rules.off_path_m, np.abs(column("mean_before_m")))
     drifts = is_farther & (drift_m_s * np.sign(mean_m) >= rules.drift_m_s)
-    outside_m = peaks_m[:, 2]
+    outside_m, lane_m = peaks_m[:, 2], peaks_m[:, 3]
     is_off = swings | ~(peak_m <= rules.off_path_m)
     conditions = {
         Verdict.NO_START: ended(RunEnd.NO_START),
@@ -219,7 +222,7 @@ def verdicts(
         Verdict.LIMIT_CYCLE: (oscillates & (amplitude_m >= rules.sustained * before_m))
         | (wheel_oscillates & (wheel_rad >= rules.sustained * wheel_before_rad)),
         Verdict.DRIFTS: drifts,
-        Verdict.LEFT_ROAD: peaks_m[:, 0] > rules.road_m,
+        Verdict.LEFT_ROAD: np.where(np.isnan(lane_m), peaks_m[:, 0] > rules.road_m, lane_m > 0.0),
         Verdict.DECAYS: is_off & (peak_m < rules.sustained * peak_before_m),
         Verdict.OFF_PATH: is_off,
         Verdict.LEFT_PATH: np.isnan(outside_m) & (peaks_m[:, 1] > rules.off_path_m),

@@ -155,6 +155,7 @@ class PlantNode:
             settings.sensor_period_ns / NS_PER_S,
             samples_max,
             corridor_of(settings.path),
+            None if settings.car is None else settings.car.lane,
         )
         self._undrivable = undrivable_by(settings, self._motion.path)
         self.finished = False

@@ -11,6 +11,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from ....runtime.settings import Settings
+from ...path.lane import Lane
 
 FASTEST_M_S = 70.0
 
@@ -103,6 +104,11 @@ class CarSettings(Settings):
                 "speed over at_m may be 0 at the last point only: a car that stands never comes to"
                 " the next; use at_s"
             )
+
+    @property
+    def lane(self) -> Lane:
+        """The lane, and the body in it."""
+        return Lane(0.5 * self.lane_m, self.front_m, self.rear_m, 0.5 * self.width_m)
 
     @property
     def is_over_arc_length(self) -> bool:
