@@ -1,6 +1,5 @@
 """Every example runs, leaves its picture, and comes to the figure it shows."""
 
-import re
 import runpy
 import shlex
 import shutil
@@ -10,15 +9,12 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import can
 import numpy as np
 import pytest
-from sphinx_gallery.gen_gallery import DEFAULT_GALLERY_CONF
-from sphinx_gallery.notebook import jupyter_notebook
-from sphinx_gallery.py_source_parser import split_code_and_text_blocks
 
 import steer_by_wire
 from steer_by_wire import simulate
@@ -166,6 +162,12 @@ def test_an_example_works_as_a_notebook_in_an_empty_folder(
         if block.type == "code":
             code = block.content.replace("\n    main()", "\n    made = main()")
             exec(compile(code, "<cell>", "exec"), vars(notebook))  # noqa: S102
+    shown: list[Path] = []
+    display = SimpleNamespace(Image=lambda file: file, display=shown.append)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    monkeypatch.setitem(sys.modules, "IPython", ModuleType("IPython"))
+    exec(GALLERY["last_notebook_cell"], {})  # noqa: S102
+    assert Path("out/examples", f"{name}.png") in shown
     made = vars(notebook)["made"]
     assert (tmp_path / "out" / "examples" / f"{name}.png").read_bytes().startswith(PNG)
     CHECKS[name](made)
@@ -336,33 +338,3 @@ def test_the_rig_drives_the_controller_in_c_and_finds_the_broken_one(
     options = [word for plugin in without for word in ("-p", f"no:{plugin}")]
     result = pytester.runpytest_inprocess(str(file), "-k", "virtual_time", *options)
     result.assert_outcomes(passed=3, deselected=1)
-
-
-NOTEBOOKS = sorted(
-    path for path in EXAMPLES.glob("*.py") if not re.search(GALLERY["ignore_pattern"], str(path))
-)
-DISPLAYS = """
-import sys, types
-shown = []
-sys.modules["IPython"] = types.ModuleType("IPython")
-sys.modules["IPython.display"] = types.SimpleNamespace(
-    Image=lambda file: file, display=shown.append
-)
-"""
-
-
-@pytest.mark.parametrize("name", ["own_law", "own_path"])
-def test_a_notebook_of_an_example_shows_its_picture(name: str, tmp_path: Path) -> None:
-    """Its cells run one after the other, as in Jupyter, with a stand-in for its display."""
-    _, blocks = split_code_and_text_blocks(str(EXAMPLES / f"{name}.py"))
-    notebook = jupyter_notebook(blocks, {**DEFAULT_GALLERY_CONF, **GALLERY}, str(tmp_path))
-    cells = ["".join(it["source"]) for it in notebook["cells"] if it["cell_type"] == "code"]
-    code = "\n".join([*cells[:-1], DISPLAYS, cells[-1], "print(*shown)"])
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == str(Path("out/examples") / f"{name}.png")
-
-
-def test_every_example_but_those_that_need_a_bus_is_a_notebook() -> None:
-    others = {path.name for path in EXAMPLES.glob("*.py")} - {path.name for path in NOTEBOOKS}
-    assert others == {"foreign_controller.py"}
