@@ -141,3 +141,13 @@ def test_the_three_terminals_run_and_end_in_order(tmp_path: Path) -> None:
         for process in reversed(running):
             process.send_signal(signal.SIGINT)
             assert process.wait(PATIENCE_S) == 0
+
+
+def test_the_test_on_the_first_page_passes_when_it_is_pasted(tmp_path: Path) -> None:
+    (code,) = re.findall(
+        r"^```python\n# test_my_controller\.py\n(.*?)^```", README, re.DOTALL | re.M
+    )
+    (tmp_path / "test_my_controller.py").write_text(code, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "3 passed" in done.stdout, done.stdout
