@@ -25,7 +25,8 @@ CORNERS = dict(zip("abcd", paper_box().vertices(), strict=True))
 
 
 def controller(*overrides: str) -> ControllerSettings:
-    return controller_preset("practical_pd_ddob", overrides)
+    # The set point of a followed point is outside the loop, and runs would start at it.
+    return controller_preset("practical_pd_ddob", ("followed_point=preview", *overrides))
 
 
 @cache

@@ -5,12 +5,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from steer_by_wire.plant_emulator.path.path import curvature
 from steer_by_wire.plant_emulator.path.settings import (
     CircleSettings,
-    DoubleLaneChangeSettings,
     EllipseSettings,
     PathSettings,
     StraightSettings,
@@ -24,7 +22,6 @@ from steer_by_wire.plant_emulator.vehicle.settings import (
     DisturbanceStep,
     VehicleSettings,
 )
-from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 
 BUSY = motion_params(
     VehicleSettings(speed_m_s=30.0 / 3.6),
@@ -99,27 +96,6 @@ def test_curvature_and_arc_length_follow_the_path_over_laps() -> None:
         assert motion.preview_curvature_1_m == pytest.approx(
             curvature(params.path, motion.arc_length_m), abs=1e-8
         )
-
-
-def test_motion_agrees_with_a_numerical_solver_on_the_curvature_of_the_path() -> None:
-    params = quiet(DoubleLaneChangeSettings(start_m=2.0), VehicleSettings(speed_m_s=50.0 / 3.6))
-    v = 50.0 / 3.6
-    a, b = state_matrices(
-        VehicleParams(v, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)
-    )
-    solution = solve_ivp(
-        lambda t, x: a @ x + b[:, 0] * 0.01 + b[:, 1] * curvature(params.path, v * t),
-        (0.0, 7.0),
-        np.zeros(4),
-        method="DOP853",
-        max_step=0.005,
-        rtol=1e-9,
-        atol=1e-12,
-    )
-    motion = Motion(params)
-    motion.command(0.01)
-    motion.advance(7_000_000_000)
-    assert motion.linear[:4] == pytest.approx(solution.y[:, -1], abs=1e-6)
 
 
 def test_vehicle_seen_from_above_moves_where_its_velocity_points() -> None:

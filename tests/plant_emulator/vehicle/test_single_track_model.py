@@ -1,14 +1,10 @@
-import tomllib
-from importlib import resources
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
 from scipy.integrate import solve_ivp
 from scipy.signal import ss2tf
 
-from steer_by_wire.plant_emulator.path.settings import PathSettings
 from steer_by_wire.plant_emulator.vehicle.exact_propagation import (
     BETA,
     LinearState,
@@ -18,7 +14,6 @@ from steer_by_wire.plant_emulator.vehicle.exact_propagation import (
     table_rows,
     transition_table,
 )
-from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.plant_emulator.vehicle.single_track_model import (
     VehicleParams,
     on_friction,
@@ -152,28 +147,3 @@ def test_propagation_agrees_with_a_numerical_solver_on_the_written_out_equations
     table = table_rows(transition_table(augmented_matrix(p, 0.0)))
     moved = propagate(table, 0, z, 1_500_000_000)
     assert moved[:4] == pytest.approx(solution.y[:, -1], abs=1e-8)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "paper_nominal",
-        "paper_nominal_as_printed",
-        *(f"paper_corner_{corner}" for corner in "abcd"),
-        "highway_nominal",
-        *(f"highway_corner_{corner}" for corner in "abcd"),
-    ],
-)
-def test_presets_differ_from_the_nominal_vehicle_in_what_they_are_named_for(name: str) -> None:
-    text = resources.files("steer_by_wire.plant_emulator.presets").joinpath(f"{name}.toml")
-    tables = tomllib.loads(text.read_text(encoding="utf-8"))
-    vehicle = VehicleSettings(**tables["vehicle"])
-    TypeAdapter(PathSettings).validate_python(tables["path"])
-    changed = {key for key, value in vehicle if value != getattr(VehicleSettings(), key)}
-    if name == "paper_nominal":
-        assert changed == set()
-    elif name == "paper_nominal_as_printed":
-        assert changed == {"front_cornering_stiffness_n_rad", "rear_cornering_stiffness_n_rad"}
-    else:
-        mass = set() if name == "highway_nominal" else {"virtual_mass_kg"}
-        assert changed == {"speed_m_s"} | mass

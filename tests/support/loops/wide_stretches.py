@@ -20,7 +20,8 @@ _INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
 
 
 def _law(preset: str, *overrides: str) -> ControllerSettings:
-    return controller_preset(preset, [*_PAPER_GAINS, *_MODEL, *_WIDE_LIMITS, *overrides])
+    preview = "followed_point=preview"  # a set point is outside the loop
+    return controller_preset(preset, [*_PAPER_GAINS, *_MODEL, *_WIDE_LIMITS, preview, *overrides])
 
 
 PD = _law("practical_pd", "pd.derivative_filter_rad_s=20")
