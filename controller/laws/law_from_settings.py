@@ -8,7 +8,7 @@ from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
 from ..filters.settings import VehicleModelSettings
 from ..law_interface import Law, LawPlan, LawStep, LookingBack, Schedule, VehicleBelief
-from ..limits.fades_and_ramps import FADE_M_S, FADE_RAD_S
+from ..limits.fades_and_ramps import FADE_RAD_S
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
 from .law_guard import Guard
 from .set_point import (
@@ -17,7 +17,7 @@ from .set_point import (
     followed_point_at_rest,
     followed_point_plan,
     followed_point_step,
-    set_point_of,
+    set_point_params,
 )
 
 if TYPE_CHECKING:
@@ -112,9 +112,8 @@ def _with_feed_forward(law: LawDesign, settings: "LawSettings", gain: float) -> 
 
 def _with_followed_point(law: LawDesign, settings: "LawSettings") -> LawDesign:
     """Return a law with a set point, so that another point than the preview point follows."""
-    set_point = set_point_of(settings.followed_point, vehicle_of(settings))
-    own = set_point, settings.period_s, FADE_M_S * settings.period_s
-    around, recovered = _with_params(law, lambda each: FollowedPointParams(each, *own)), None
+    own = set_point_params(settings.followed_point, vehicle_of(settings), settings.period_s)
+    around, recovered = _with_params(law, lambda each: FollowedPointParams(each, own)), None
     if law.recovered_state is not None:
         recovered = partial(followed_point_after_hold, law.recovered_state)
     believes = law.believes

@@ -29,43 +29,53 @@ from typing import Any, Literal, NamedTuple
 
 from ..filters.settings import VehicleModelSettings
 from ..law_interface import LawInput, LawOutput, LawPlan, LawStep, VehicleReading
-from ..limits.fades_and_ramps import NOTHING, Fading, fading_step
+from ..limits.fades_and_ramps import FADE_M_S, NOTHING, Fading, fading_step
 
 FollowedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
 """The point of the vehicle that a law holds on the path."""
 
 
 class SetPoint(NamedTuple):
-    """y* per curvature, -(A - B V²), and the distance over which it follows the curvature.
-
-    ``geometric_m2``       A
-    ``by_tyres_s2``        B
-    ``distance_m``         of the first-order lag, greater than 0
-    """
+    """y* per curvature, -(A - B V²)."""
 
     geometric_m2: float
     by_tyres_s2: float
-    distance_m: float
 
 
-class FollowedPointParams(NamedTuple):
-    """Parameters of the law inside, and of its set point.
+class SetPointParams(NamedTuple):
+    """Parameters of y* over time.
 
     ``fade_step_m``  largest step per period of the fading while VEHICLE_STATE is stale
     """
 
-    law: Any
-    set_point: SetPoint
+    steady: SetPoint
+    distance_m: float
     period_s: float
     fade_step_m: float
 
 
-class FollowedPointState(NamedTuple):
-    """State of the law inside, y* before it fades [m], and y* as the law observes it."""
+class SetPointState(NamedTuple):
+    """y* before it fades [m], and y* as the law observes it."""
+
+    value_m: float
+    shown: Fading
+
+
+class FollowedPointParams(NamedTuple):
+    """Parameters of the law inside, and of its set point."""
 
     law: Any
-    set_point_m: float
-    shown: Fading
+    set_point: SetPointParams
+
+
+class FollowedPointState(NamedTuple):
+    """State of the law inside, and of its set point."""
+
+    law: Any
+    set_point: SetPointState
+
+
+NO_SET_POINT = SetPointState(0.0, NOTHING)
 
 
 def ahead_of_cg_m(point: FollowedPoint, vehicle: VehicleModelSettings) -> float:
@@ -77,20 +87,34 @@ def ahead_of_cg_m(point: FollowedPoint, vehicle: VehicleModelSettings) -> float:
     }[point]
 
 
+def behind_preview_m(point: FollowedPoint, vehicle: VehicleModelSettings) -> float:
+    """Return d; raises ValueError where the preview point is not ahead of the followed one."""
+    d = vehicle.preview_distance_m - ahead_of_cg_m(point, vehicle)
+    if d <= 0.0:
+        raise ValueError("the followed point is the preview point itself")
+    return d
+
+
 def set_point_of(point: FollowedPoint, vehicle: VehicleModelSettings) -> SetPoint:
     """Return the set point of the preview point that puts another point on the path.
 
     Raises ValueError where the preview point is not ahead of it.
     """
-    ahead_m = ahead_of_cg_m(point, vehicle)
-    d = vehicle.preview_distance_m - ahead_m
-    if d <= 0.0:
-        raise ValueError("the followed point is the preview point itself")
+    ahead_m, d = ahead_of_cg_m(point, vehicle), behind_preview_m(point, vehicle)
     l_f, l_r = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
     c_r = vehicle.rear_cornering_stiffness_n_rad
     geometric_m2 = d * (l_r + ahead_m) + 0.5 * d * d
     by_tyres_s2 = d * vehicle.virtual_mass_kg * l_f / (c_r * (l_f + l_r))
-    return SetPoint(geometric_m2, by_tyres_s2, d - d * d * d / (6.0 * geometric_m2))
+    return SetPoint(geometric_m2, by_tyres_s2)
+
+
+def set_point_params(
+    point: FollowedPoint, vehicle: VehicleModelSettings, period_s: float
+) -> SetPointParams:
+    """Return the parameters of y* for a control period; raises as ``set_point_of``."""
+    steady, d = set_point_of(point, vehicle), behind_preview_m(point, vehicle)
+    distance_m = d - d * d * d / (6.0 * steady.geometric_m2)
+    return SetPointParams(steady, distance_m, period_s, FADE_M_S * period_s)
 
 
 def steady_set_point_m(p: SetPoint, vehicle: VehicleReading) -> float:
@@ -100,20 +124,27 @@ def steady_set_point_m(p: SetPoint, vehicle: VehicleReading) -> float:
     return -per_curvature_m2 * vehicle.preview_curvature_1_m
 
 
+def set_point_step(p: SetPointParams, x: SetPointState, vehicle: VehicleReading) -> SetPointState:
+    """Advance y* by one period."""
+    part = min(p.period_s * vehicle.speed_m_s / p.distance_m, 1.0)
+    value_m = x.value_m + part * (steady_set_point_m(p.steady, vehicle) - x.value_m)
+    wanted_m = 0.0 if vehicle.is_stale else value_m
+    return SetPointState(value_m, fading_step(p.fade_step_m, x.shown, wanted_m, vehicle.is_stale))
+
+
 def followed_point_at_rest(
     law_at_rest: Callable[[float], Any], lateral_error_m: float
 ) -> FollowedPointState:
     """Return the state, with the law's, after a constant lateral error [m]; no curve known yet."""
-    return FollowedPointState(law_at_rest(lateral_error_m), 0.0, NOTHING)
+    return FollowedPointState(law_at_rest(lateral_error_m), NO_SET_POINT)
 
 
 def followed_point_after_hold(
     recovered: Callable[[Any, float], Any], x: FollowedPointState, lateral_error_m: float
 ) -> FollowedPointState:
     """Return the state after a hold, with the law's; the set point continues."""
-    return FollowedPointState(
-        recovered(x.law, lateral_error_m - x.shown.value), x.set_point_m, x.shown
-    )
+    error_m = lateral_error_m - x.set_point.shown.value
+    return FollowedPointState(recovered(x.law, error_m), x.set_point)
 
 
 def followed_point_plan(
@@ -128,12 +159,8 @@ def followed_point_step(
 ) -> tuple[FollowedPointState, LawOutput]:
     """Advance the inner law by one period with ``law_step``, on the error against its set point."""
     vehicle = observed.vehicle
-    part = min(p.period_s * vehicle.speed_m_s / p.set_point.distance_m, 1.0)
-    set_point_m = x.set_point_m + part * (steady_set_point_m(p.set_point, vehicle) - x.set_point_m)
-    shown = fading_step(
-        p.fade_step_m, x.shown, 0.0 if vehicle.is_stale else set_point_m, vehicle.is_stale
-    )
-    error_m = observed.lateral_error_m - shown.value
+    set_point = set_point_step(p.set_point, x.set_point, vehicle)
+    error_m = observed.lateral_error_m - set_point.shown.value
     own = LawInput(error_m, observed.sent_steer_rad, vehicle, observed.loop_delay, observed.history)
     x_law, output = law_step(p.law, x.law, own)
-    return FollowedPointState(x_law, set_point_m, shown), output
+    return FollowedPointState(x_law, set_point), output

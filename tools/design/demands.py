@@ -21,7 +21,7 @@ from ...controller.filters.transfer_function import TransferFunction
 from ...controller.law_interface import VehicleReading
 from ...controller.laws.feed_forward import steer_per_curvature
 from ...controller.laws.law_from_settings import LawDesign, steady_steer
-from ...controller.laws.set_point import set_point_of, steady_set_point_m
+from ...controller.laws.set_point import set_point_params, steady_set_point_m
 from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray
@@ -80,14 +80,14 @@ def curve_steer_runs_rad(spec: Specification, vehicle: VehicleFile) -> FloatArra
 def set_point_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
     """Return y* that puts the car on the path, at the ticks, shape (paths, corners, ticks)."""
     nominal = VehicleModelSettings(**vehicle.vehicle.model_dump())
-    set_point = set_point_of("centre_of_gravity", nominal)
     interval_s = spec.period_ns / NS_PER_S
+    set_point = set_point_params("centre_of_gravity", nominal, interval_s)
 
     def run(path: Path, speed_m_s: float) -> FloatArray:
         part = min(speed_m_s * interval_s / set_point.distance_m, 1.0)
         met = _curvature_met(path, speed_m_s, interval_s, spec.ticks, 1)
         steady_m = [
-            steady_set_point_m(set_point, VehicleReading(speed_m_s, 0.0, rho)) for rho in met
+            steady_set_point_m(set_point.steady, VehicleReading(speed_m_s, 0.0, rho)) for rho in met
         ]
         return np.asarray(lfilter([part], [1.0, part - 1.0], steady_m))
 

@@ -5,7 +5,6 @@ These are the node's rules, as functions; their parameters, from the settings; a
 machines. Those are copied, so that the folder needs nothing else.
 """
 
-import re
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from math import ceil
@@ -54,14 +53,13 @@ from steer_by_wire.runtime.settings import SettingsError
 
 from .functions import Function
 from .helpers import called_by
-from .line_width import WIDTH
+from .line_width import folded
 from .messages import messages_in_c
 from .records import Records, declared, enumeration, hexadecimal, initializer, struct
 from .sources import reached, records_of
 
 NAME = "node_rules"
 _PROTOCOL = "steer_by_wire.closed_loop.lockstep"
-_BREAKS = re.compile(r", | (?=(&&|\|\||[|?:+*/-]) )")
 _RULES: tuple[Callable[..., Any], ...] = (
     *(modes.mode_step, modes.measured_run, modes.damaged_run),
     *(counted_periods, overrun_step, keeps_rate),
@@ -153,23 +151,7 @@ def node_source(settings: ControllerSettings, title: str) -> dict[str, str]:
         for file in folder.iterdir()
         if file.is_file() and not file.name.endswith(".py")
     }
-    return {f"{NAME}.h": _folded(header), f"{NAME}.c": _folded(source), **by_hand}
-
-
-def _folded(text: str) -> str:
-    """Break long lines before an operator, or after a comma."""
-    lines = []
-    for line in text.splitlines():
-        indent = " " * (len(line) - len(line.lstrip()) + 4)
-        rest = line
-        while len(rest) > WIDTH:
-            breaks = [it.end() for it in _BREAKS.finditer(rest, len(indent) + 1, WIDTH)]
-            if not breaks:
-                break
-            lines.append(rest[: breaks[-1]].rstrip())
-            rest = indent + rest[breaks[-1] :]
-        lines.append(rest)
-    return "\n".join(lines) + "\n"
+    return {f"{NAME}.h": folded(header), f"{NAME}.c": folded(source), **by_hand}
 
 
 def commands_in_flight(settings: ControllerSettings) -> int:

@@ -150,6 +150,8 @@ def hexadecimal(value: float) -> str:
 
 def initializer(kind: Kind, value: Any, indent: str = "") -> str:
     """Return a value as C initialises it."""
+    if kind == "bool":
+        return "true" if value else "false"
     if isinstance(kind, str):
         return f"INT64_C({value})" if kind == "int64_t" else hexadecimal(value)
     within = f"{indent}    "

@@ -17,12 +17,13 @@ import numpy.typing as npt
 import pytest
 
 from steer_by_wire.closed_loop.lockstep.record import RECORD_BYTES, Record, pack
-from steer_by_wire.controller.law_interface import LawInput
+from steer_by_wire.controller.law_interface import LawInput, VehicleReading
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.limits.fades_and_ramps import difference_step, ramp_step
 from steer_by_wire.controller.limits.steer_limits import limit_step
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings, controller_preset
 from steer_by_wire.runtime.settings import preset_names
-from steer_by_wire.tools.generate_c.law_source import LAWS, law_source, params_of
+from steer_by_wire.tools.generate_c.law_source import LAWS, law_source
 
 ROOT = Path(__file__).resolve().parents[3]
 PROTOCOL = ROOT / "closed_loop/lockstep"
@@ -48,11 +49,15 @@ static union {
 static struct law law;
 static double sent_rad, fade_rad;
 
-static void tick(double error_m, bool starts, double *row)
+static void tick(const double *driven, double *row)
 {
+    const double error_m = driven[0];
+    const bool starts = driven[1] > 0.0;
+    const struct vehicle_reading vehicle = {driven[2], 0.0, driven[3], driven[4] > 0.0};
+
     if (starts)
         law_start(&law, error_m);
-    struct law_output it = law_step(&law, error_m, sent_rad);
+    struct law_output it = law_step(&law, error_m, sent_rad, &vehicle);
     fade_rad = difference_step(RAMP_STEP_RAD, fade_rad, sent_rad, it.steer_rad, starts);
     sent_rad = limit_step(&STEER_LIMITS, sent_rad, it.steer_rad + fade_rad);
     row[0] = it.steer_rad;
@@ -67,7 +72,7 @@ int main(void)
 {
     while (read_record(&in.record)) {
         for (int i = 0; i < TICKS; i++)
-            tick(in.of.numbers[i][0], in.of.numbers[i][1] > 0.0, out.of.numbers[i]);
+            tick(in.of.numbers[i], out.of.numbers[i]);
         if (!write_record(&out.record))
             return 1;
     }
@@ -121,9 +126,10 @@ def m7(option: str) -> Target:
 
 
 def drawn(seed: int, ticks: int) -> Floats:
-    """Return rows of a lateral error [m], and 1 where the law starts.
+    """Return rows of what a tick reads.
 
-    The errors are a walk, jumps, steps and extremes.
+    A lateral error [m], a walk with jumps, steps and extremes; 1 where the law starts; speed [m/s];
+    curvature [1/m]; 1 where these two are stale.
     """
     random = np.random.default_rng(seed)
     errors_m = np.cumsum(random.normal(0.0, 1e-3, ticks))
@@ -135,18 +141,23 @@ def drawn(seed: int, ticks: int) -> Floats:
     starts[0] = 1.0
     # A state that is not finite stays so until the law starts anew.
     starts[1:][~(np.abs(errors_m[:-1]) < 1e100)] = 1.0
-    return np.column_stack([errors_m, starts])
+    speeds_m_s = np.abs(np.cumsum(random.normal(0.0, 0.2, ticks)))
+    curvatures_1_m = np.repeat(random.normal(0.0, 0.05, ticks // 50 + 1), 50)[:ticks]
+    are_stale = np.repeat(random.random(ticks // 20 + 1) < 0.2, 20)[:ticks]
+    return np.column_stack([errors_m, starts, speeds_m_s, curvatures_1_m, are_stale])
 
 
 def in_python(settings: ControllerSettings, driven: Floats) -> Floats:
     """Return what each tick gives in Python."""
-    law, params, limits = settings.law_record, params_of(settings), settings.steer_limits
+    design, limits = design_law(settings), settings.steer_limits
     step = settings.supervision.ramp_rad_s * settings.period_ns / 1_000_000_000
     rows, state, sent_rad, fade_rad = [], None, 0.0, 0.0
-    for error_m, start in driven.tolist():
+    for error_m, start, speed_m_s, curvature_1_m, is_stale in driven.tolist():
         if start:
-            state = law.at_rest(params, error_m)
-        state, output = law.step(params, state, LawInput(error_m, sent_rad))
+            state = design.initial_state(error_m)
+        vehicle = VehicleReading(speed_m_s, 0.0, curvature_1_m, bool(is_stale))
+        observed = LawInput(error_m, sent_rad, vehicle)
+        state, output = design.step(design.params, state, observed)
         fade_rad = difference_step(step, fade_rad, sent_rad, output.steer_rad, bool(start))
         sent_rad = limit_step(limits, sent_rad, output.steer_rad + fade_rad)
         rows.append((*output, sent_rad, ramp_step(step, sent_rad)))
@@ -174,7 +185,7 @@ def in_c(program: Path, driven: Floats, runner: Sequence[str] = ()) -> Floats:
     """Return what each tick gives in a program."""
     records = -(-len(driven) // TICKS_A_RECORD)
     rows = np.zeros((records, TICKS_A_RECORD * COLUMNS))
-    rows.reshape(-1, COLUMNS)[: len(driven), :2] = driven
+    rows.reshape(-1, COLUMNS)[: len(driven), : driven.shape[1]] = driven
     asked = b"".join(HEAD + row.tobytes().ljust(ROOM, b"\0") for row in rows)
     run = subprocess.run([*runner, str(program)], input=asked, stdout=subprocess.PIPE, check=True)
     answers = np.frombuffer(run.stdout, np.uint8).reshape(-1, RECORD_BYTES)[:, len(HEAD) :]

@@ -57,13 +57,9 @@ from .law_in_c import STRICT, Target
 NODE = ("steering_law.c", "node_rules.c", "crc.c", "node.c", "on_lockstep.c")
 
 
-PREVIEW = "followed_point=preview"
-"""In C a law reads the lateral error alone."""
-
-
 def settings_of(preset: str, *overrides: str) -> ControllerSettings:
     """Return a preset's settings, with room for every delay that drawn traffic has."""
-    return controller_preset(preset, ("validity.delay_ms_max=2000", PREVIEW, *overrides))
+    return controller_preset(preset, ("validity.delay_ms_max=2000", *overrides))
 
 
 def built_node(settings: ControllerSettings, folder: Path, target: Target) -> Sequence[str]:

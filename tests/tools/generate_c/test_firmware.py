@@ -21,7 +21,6 @@ from tests.support.in_c.node_in_c import (
     NODE,
     ON_TIME,
     OVERRUN,
-    PREVIEW,
     RecordedNode,
     agree,
     answered,
@@ -33,7 +32,7 @@ from tests.support.in_c.size_on_m7 import size_on_m7
 from tests.support.suite.combinations import sampled
 
 SETTINGS = settings_of("practical_pd_ddob", "overruns.overruns_max=3")
-PROMISED = controller_preset("practical_pd_ddob", [PREVIEW])
+PROMISED = controller_preset("practical_pd_ddob")
 JITTERING = {
     "duration_s": 2.0,
     "sensor_noise": {"lateral_error_m": 0.002},

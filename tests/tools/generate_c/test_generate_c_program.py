@@ -6,14 +6,12 @@ import pytest
 
 from steer_by_wire.tools.generate_c.__main__ import GENERATED, main
 
-PREVIEW = ("--set", "followed_point=preview")
-
 
 def test_it_writes_a_folder_and_says_what_is_generated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "new" / "law"
-    assert main([*PREVIEW, "--preset", "practical_pd_dob", "--out", str(folder)]) == 0
+    assert main(["--preset", "practical_pd_dob", "--out", str(folder)]) == 0
     *names, rest = capsys.readouterr().out.splitlines()
     assert names == [str(folder / it) for it in GENERATED]
     assert all(Path(name).is_file() for name in names)
@@ -40,13 +38,9 @@ def test_preset_and_file_are_named(tmp_path: Path) -> None:
          "law = 'predictor' does not become C: pd, pd_dob, pd_cdob, pd_ddob, pid do"),
         ("--preset practical_pd --set feed_forward.gain=1",
          "[feed_forward] does not become C: leave it out"),
-        ("--preset practical_pd --set followed_point=rear_axle",
-         "followed_point = 'rear_axle' does not become C, whose law reads the lateral error alone"
-         " (allowed: preview); give --set followed_point=preview"),
         ("--preset practical_pid --set pid.heading_gain_rad_rad=1",
          "pid.heading_gain_rad_rad does not become C: leave it out"),
-        ("--preset practical_pd --set followed_point=preview"
-         " --set supervision.stops_if_implausible=true",
+        ("--preset practical_pd --set supervision.stops_if_implausible=true",
          "supervision.stops_if_implausible does not become C: leave it out"),
     ],
 )  # fmt: skip
@@ -62,14 +56,14 @@ def test_a_file_in_place_of_the_folder_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "law").write_text("a file")
-    words = [*PREVIEW, "--preset", "practical_pd", "--out", str(tmp_path / "law")]
+    words = ["--preset", "practical_pd", "--out", str(tmp_path / "law")]
     assert main(words) == 2
     why = f"--out {tmp_path / 'law'} is a file: give the name of a folder"
     assert capsys.readouterr().err == f"steer-by-wire generate-c: error: {why}\n"
 
 
 def test_another_law_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = [*PREVIEW, "--out", str(tmp_path), "--preset"]
+    words = ["--out", str(tmp_path), "--preset"]
     assert [main([*words, "practical_pd"]) for _ in range(2)] == [0, 0]
     kept = (tmp_path / "steering_law.c").read_bytes()
     assert main([*words, "practical_pid"]) == 2
@@ -78,7 +72,7 @@ def test_another_law_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_a_file_that_was_edited_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = [*PREVIEW, "--preset", "practical_pd", "--out", str(tmp_path)]
+    words = ["--preset", "practical_pd", "--out", str(tmp_path)]
     assert main(words) == main(words) == 0
     (tmp_path / "on_can.c").write_bytes(b"mine\xff")  # of no encoding
     assert main(words) == 2

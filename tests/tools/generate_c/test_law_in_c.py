@@ -36,8 +36,8 @@ PAIRS = [
     ("preset", "compiler"), sampled(PAIRS, [*product(presets_in_c(), ("gcc", "clang"))])
 )
 def test_every_tick_has_the_same_bits(preset: str, compiler: str, tmp_path: Path) -> None:
-    """The paper's has integrators, whose state at rest is a case of its own."""
-    settings = controller_preset(preset, ["followed_point=preview"])
+    """The paper's has integrators, whose state at rest is a case, and follows the preview point."""
+    settings = controller_preset(preset)
     driven = drawn(1, TICKS)
     expected, folder = in_python(settings, driven), written(settings, tmp_path)
     for target in (*hosts(compiler), *sampled((), (Target(compiler, SANITIZED),))):
@@ -46,7 +46,7 @@ def test_every_tick_has_the_same_bits(preset: str, compiler: str, tmp_path: Path
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_cortex_m7_has_them_too(law: str, tmp_path: Path) -> None:
-    settings = controller_preset(f"practical_{law}", ["followed_point=preview"])
+    settings = controller_preset(f"practical_{law}")
     target, driven = m7("-O2"), drawn(2, 1000)
     program = built(written(settings, tmp_path), target)
     assert differing(in_python(settings, driven), in_c(program, driven, target.runner)) == -1

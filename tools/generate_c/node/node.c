@@ -155,7 +155,12 @@ static double law_wants(struct node *x, int64_t now_ns)
     const int64_t age = freshness_of(x, A_STEERING_STATUS, now_ns);
     const double acts_rad =
         acting_rad(x->steering.status, age, x->steering.wheel_angle_rad, x->sent_rad);
-    const struct law_output output = law_step(&x->law, x->error.lateral_error_m, acts_rad);
+    const struct vehicle_reading vehicle = {
+        x->vehicle.speed_m_s, x->vehicle.yaw_rate_rad_s, x->vehicle.preview_curvature_1_m,
+        freshness_of(x, A_VEHICLE_STATE, now_ns) == FRESHNESS_STALE,
+    };
+    const struct law_output output =
+        law_step(&x->law, x->error.lateral_error_m, acts_rad, &vehicle);
     const double steer_rad =
         share_of_demand(&DESIGNED_RANGES, x->vehicle.speed_m_s) * output.steer_rad;
 
