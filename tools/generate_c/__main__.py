@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings
-from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main, say
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.node_options import add_settings_arguments, load_program_settings
@@ -44,6 +44,9 @@ def _write(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         write_text(options.out / name, text)
+    if settings.supervision.stops_if_implausible:
+        watch = "the stop where the plant's signals contradict each other"
+        say(NAME, f"warning: not in C: {watch} (supervision.stops_if_implausible)", sys.stderr)
     for name in GENERATED:
         print(options.out / name)
     print(f"and {len(files) - len(GENERATED)} files around these: make -C {options.out}")

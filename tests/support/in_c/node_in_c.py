@@ -58,8 +58,14 @@ NODE = ("steering_law.c", "node_rules.c", "crc.c", "node.c", "on_lockstep.c")
 
 
 def settings_of(preset: str, *overrides: str) -> ControllerSettings:
-    """Return a preset's settings, with room for every delay that drawn traffic has."""
-    return controller_preset(preset, ("validity.delay_ms_max=2000", *overrides))
+    """Return a preset's settings, with room for every delay of drawn traffic, as C has them."""
+    return controller_preset(
+        preset,
+        (
+            *("validity.delay_ms_max=2000", "supervision.stops_if_implausible=false"),
+            *overrides,
+        ),
+    )
 
 
 def built_node(settings: ControllerSettings, folder: Path, target: Target) -> Sequence[str]:
