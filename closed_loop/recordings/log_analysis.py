@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 from ...dbc import messages
 from ...dbc.listening import OUR_MESSAGES, Listening
+from ...dbc.messages import SteeringStatusCode as Code
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
@@ -118,6 +119,8 @@ class LogAnalysis:
         self._held_path = HeldPath(rules or VerdictRules())
         self.listener = BusListener(listening)
         self.listed = self.listener.listening.listed
+        self._is_ours, self._applies_unseen = self.listener.listening is OUR_MESSAGES, False
+        """Whether a STEERING_STATUS names a command, which a car's cannot."""
         self.latencies = Latencies()
         self.histories = {name: History() for name in (*HISTORIES, CG_DEVIATION)}
         self._cg, self._cg_m = CgDeviation(preview_m), math.nan
@@ -221,8 +224,9 @@ class LogAnalysis:
             backwards = axis.backwards + axis.set_back
             times = f"time runs backwards at {backwards} of {self._frames} frames"
             return times + (unread or ": the log is not in the order of the bus")
-        if not self._held_path.has_started and not_read:
-            return f"no command was read{unread}"
+        if not self._held_path.has_started and (not_read or self._applies_unseen):
+            seen = ", but the plant applied some" if self._applies_unseen else ""
+            return f"no command was read{seen}{unread}"
         if self._held_path.has_started and not self._held_path.can_be_judged:
             return (
                 f"only {self._held_path.samples} measurements follow the first command: too few"
@@ -238,6 +242,7 @@ class LogAnalysis:
             self.latencies.on_plant_frame(since_ns)
         if isinstance(message, messages.SteeringStatus):
             self.latencies.on_status(message, counter, is_late, since_ns)
+            self._applies_unseen |= self._is_ours and message.status is not Code.NO_COMMAND
         elif isinstance(message, messages.PlantStatus) and not is_late:
             self.latencies.on_plant_status(message, since_ns)
         elif isinstance(shown, messages.SteeringCommand) and not is_late:

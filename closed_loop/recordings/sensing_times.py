@@ -81,7 +81,7 @@ def relative_uplink(
             skipped += its_skipped
         slope_ns, error_ns = _slope(since, shift_ns, edges)
         fitted_ns = _rounded(period_ns + slope_ns, error_ns)
-        if fitted_ns == period_ns:
+        if fitted_ns == period_ns or fitted_ns <= 0.0:  # by a clock that stands still
             break
         period_ns = fitted_ns
     for start, end in pairwise(edges):

@@ -59,7 +59,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     example += f"{NAME} out/run/candump.log"
     parser = command_parser(NAME, __doc__, example, "FILE... [options]")
     parser.add_argument(
-        "files", nargs="+", type=Path, metavar="FILE", help="a recording, or the output of candump"
+        "files",
+        nargs="+",
+        type=_log,
+        metavar="FILE",
+        help="a recording, or what candump prints (-)",
     )
     add_out_argument(parser, "out/logs", "a folder for the results, with one for each FILE")
     parser.add_argument("--join", action="store_true", help="treat the files as parts of one log")
@@ -83,6 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_json_argument(parser)
     add_fail_if_argument(parser, QUANTITIES)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _log(text: str) -> Path:
+    return Path("/dev/stdin" if text == "-" else text)
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -4,10 +4,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 from steer_by_wire.closed_loop.recordings.durations import CONFIDENCE
 from steer_by_wire.closed_loop.recordings.latency_and_jitter import Latencies
+from steer_by_wire.closed_loop.recordings.sensing_times import relative_uplink
 from steer_by_wire.dbc.messages import PlantStatus, SteeringStatus, SteeringStatusCode
 from tests.support.frames.made_messages import command_of, message_with
 
@@ -126,3 +129,17 @@ def test_the_period_and_the_downlink_of_a_drawn_network_are_found(seed: int) -> 
         true_s.mean(), abs=2.0 * found.downlink.level_error_s + 5e-4
     )
     assert downlink["jitter_s"] == pytest.approx(true_s.std(), abs=5e-4)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(-3, 300), st.just(0) | st.integers(-(10**10), 10**12)), min_size=2
+    )
+)
+def test_whatever_the_clock_did_the_latencies_are_finite(steps: list[tuple[int, int]]) -> None:
+    numbers, arrivals_ns = np.cumsum(np.array(steps), axis=0).T
+    silences_ns = np.abs(np.diff(arrivals_ns, prepend=arrivals_ns[0]))
+    with np.errstate(all="raise"):
+        found = relative_uplink(numbers, arrivals_ns, silences_ns)
+    assert np.isfinite(found.latency_ns).all()
+    assert found.period_ns > 0.0

@@ -9,9 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.closed_loop.recordings.log_state import LogError, Logged, LogState
+from steer_by_wire.dbc.messages import Sender, SteeringStatus, SteeringStatusCode
 from steer_by_wire.runtime.frame import ERROR, Frame
+from tests.support.frames.made_messages import message_with
 from tests.support.runs.logged_run import analyse
 
 ASC = "date Sat Nov 28 09:15:02 am 2026\nbase hex  timestamps {kind}\n{events}"
@@ -208,3 +211,16 @@ def test_a_log_is_read_from_a_pipe(tmp_path: Path) -> None:
 def test_a_csv_of_another_program_names_the_columns(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"arbitration_id.*SavvyCAN"):
         read(tmp_path / "log.csv", "when,what\n1,2\n")
+
+
+def test_of_a_log_of_the_plant_alone_no_absence_of_commands_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "plant.log"
+    status = Sender(SteeringStatus)
+    for code, is_told in (
+        (SteeringStatusCode.APPLYING, True),
+        (SteeringStatusCode.NO_COMMAND, False),
+    ):
+        frames = [status.frame(message_with(SteeringStatus, status=code)) for _ in range(9)]
+        path.write_text("".join(f"(0.1) can0 120#{frame.data.hex()}\n" for frame in frames))
+        is_told = "the plant applied some" in analyse_files([path]).figures["not_judged"]
+        assert is_told == (code is SteeringStatusCode.APPLYING)
