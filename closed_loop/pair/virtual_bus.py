@@ -7,7 +7,7 @@ from ...runtime.bus_model.bus_model import BusModel, Delivery
 from ...runtime.bus_model.quiet_bus import QuietBus
 from ...runtime.bus_model.rest_bus import OnWire, PeriodicMessage, RestBus
 from ...runtime.bus_model.settings import BusSettings, errors_of
-from ...runtime.bus_model.socketcan_error_frames import error_frame
+from ...runtime.bus_model.socketcan_error_frames import BIT_ERROR
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.frame import Frame
 from ...runtime.node import Node
@@ -77,9 +77,7 @@ class SharedBus:
         if self.traffic is not None:
             self.traffic.on_wire = on_wire
         if self.errors is not None:
-            self.errors.on_error = lambda event: on_wire(
-                event.time_ns, event.sender, error_frame(event)
-            )
+            self.errors.on_error = lambda time_ns, sender: on_wire(time_ns, sender, BIT_ERROR)
 
     @property
     def busy_share(self) -> float:

@@ -12,30 +12,12 @@ receive counter.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
-from ..frame import Frame
 from .bit_noise import Noise
 from .bit_ticks import BitTicks
-from .fault_confinement import BUS_OFF_MIN, ControllerState, ErrorCounters
+from .fault_confinement import BUS_OFF_MIN, ErrorCounters
 
 ERROR_FRAME_BITS = 12 + 8
-
-
-class ErrorEvent(NamedTuple):
-    """One destroyed transmission, as the sender's controller reports it.
-
-    ``time_ns``   end of the error delimiter [ns]
-    ``state``     of the sender's controller afterwards; ``has_changed`` with this error
-    """
-
-    time_ns: int
-    sender: int
-    frame: Frame
-    transmit_errors: int
-    receive_errors: int
-    state: ControllerState
-    has_changed: bool
 
 
 class _Member:
@@ -50,7 +32,7 @@ class BusErrors:
     """What a BusModel asks about errors; one for each bus.
 
     ``noise``     when bits are wrong
-    ``on_error``  called for every destroyed transmission
+    ``on_error``  called for every destroyed transmission: its end [ns], its sender
 
     ``is_calm``   all nodes are error active
     ``sent``      complete frames by sender that has joined; its model counts them here or by
@@ -58,7 +40,7 @@ class BusErrors:
     ``count``     destroyed transmissions; ``bus_offs`` those that led to bus-off
     """
 
-    def __init__(self, noise: Noise, on_error: Callable[[ErrorEvent], None] | None = None) -> None:
+    def __init__(self, noise: Noise, on_error: Callable[[int, int], None] | None = None) -> None:
         self.next_hit_ns = noise.first_hit_ns
         self.on_error = on_error
         self._members: dict[int, _Member] = {}
@@ -84,9 +66,7 @@ class BusErrors:
 
     def is_off(self, node: int) -> bool:
         """Whether a node takes no part."""
-        return node in self._limited and (
-            self._members[node].counters.state is ControllerState.BUS_OFF
-        )
+        return node in self._limited and self._members[node].counters.is_off
 
     def restart(self, node: int) -> None:
         """Let a node take part again."""
@@ -100,11 +80,9 @@ class BusErrors:
             for node in tuple(self._limited):
                 self._note_limits(node)
 
-    def on_destroyed(self, sender: int, frame: Frame, time_ns: int) -> None:
+    def on_destroyed(self, sender: int, time_ns: int) -> None:
         """Count a destroyed transmission and report it."""
         total = self._all_frames
-        own = self._up_to_date(sender, total).counters
-        before = own.state
         for node in self._members:
             counters = self._up_to_date(node, total).counters
             if node == sender:
@@ -114,11 +92,9 @@ class BusErrors:
             if counters.is_passive or node in self._limited:
                 self._note_limits(node)
         self.count += 1
-        state = own.state
-        self.bus_offs += state is ControllerState.BUS_OFF
+        self.bus_offs += self.is_off(sender)
         if self.on_error is not None:
-            counts, has_changed = (own.transmit, own.receive), state is not before
-            self.on_error(ErrorEvent(time_ns, sender, frame, *counts, state, has_changed))
+            self.on_error(time_ns, sender)
 
     def _note_limits(self, node: int) -> None:
         if self.counters(node).is_passive:

@@ -260,7 +260,7 @@ class BusModel:
         sender = sent.sender
         if is_destroyed:
             self.access.come_back(end_ticks)
-            errors.on_destroyed(sender, sent.frame, self._ticks.whole_ns(end_ticks))
+            errors.on_destroyed(sender, self._ticks.whole_ns(end_ticks))
             self._occupy_until(end_ticks)
             self._queue.put_back(sent)
         else:

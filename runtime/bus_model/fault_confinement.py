@@ -8,20 +8,9 @@ subtracts 1; for a receiver it is 1 and 1.
     bus-off         transmit counter above 255: takes no part, until 128 times 11 recessive bits
 """
 
-from enum import Enum
-
-WARNING_MIN, PASSIVE_MIN, BUS_OFF_MIN = 96, 128, 256
+PASSIVE_MIN, BUS_OFF_MIN = 128, 256
 _RECEIVE_AFTER_PASSIVE = 120
 """What the receive counter falls to with the first good frame after error passive: 119 to 127."""
-
-
-class ControllerState(Enum):
-    """What a controller may do on the bus."""
-
-    ERROR_ACTIVE = "error active"
-    ERROR_WARNING = "error warning"
-    ERROR_PASSIVE = "error passive"
-    BUS_OFF = "bus-off"
 
 
 class ErrorCounters:
@@ -31,15 +20,9 @@ class ErrorCounters:
         self.transmit = self.receive = 0
 
     @property
-    def state(self) -> ControllerState:
-        """What follows from the counters; error warning is error active to the bus."""
-        if self.transmit >= BUS_OFF_MIN:
-            return ControllerState.BUS_OFF
-        if self.is_passive:
-            return ControllerState.ERROR_PASSIVE
-        if self.transmit >= WARNING_MIN or self.receive >= WARNING_MIN:
-            return ControllerState.ERROR_WARNING
-        return ControllerState.ERROR_ACTIVE
+    def is_off(self) -> bool:
+        """Whether it is in bus-off."""
+        return self.transmit >= BUS_OFF_MIN
 
     @property
     def is_passive(self) -> bool:

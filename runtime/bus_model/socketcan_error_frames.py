@@ -1,18 +1,11 @@
-"""Error frames of SocketCAN: what a CAN controller reports of the bus, read and written.
+"""Error frames of SocketCAN: what a CAN controller reports of the bus.
 
-Classes are bits of the identifier, details bits of the payload (linux/can/error.h); the last two
-bytes are the error counters. Ours are without the class CAN_ERR_CNT of Linux 6.0, which says so and
-which ``candump`` before 2023 takes for an invalid frame. They are the same through ``AF_CAN`` and
-through python-can's ``socketcan``; other interfaces of python-can have their own codes.
+Classes are bits of the identifier, details bits of the payload (linux/can/error.h). They are the
+same through ``AF_CAN`` and through python-can's ``socketcan``; other interfaces of python-can have
+their own codes.
 """
 
-from typing import TYPE_CHECKING
-
 from ..frame import ERROR, Frame
-from .fault_confinement import PASSIVE_MIN, WARNING_MIN, ControllerState
-
-if TYPE_CHECKING:  # the model of a bus, which no live program needs
-    from .bus_errors import ErrorEvent
 
 BUS_OFF = "bus_off"
 FORGED_BUS_OFF = "forged_bus_off"
@@ -44,31 +37,9 @@ _PROTOCOL_DETAILS = (  # of byte 2
     (0x04, "stuff_error"),
     (0x20, "overload"),
 )
-_BIT_ERROR = 0x01  # byte 2
 _LOCATIONS_OF_CRC = (0x08, 0x18)  # byte 3: CRC sequence, CRC delimiter
-
-
-def error_frame(event: "ErrorEvent") -> Frame:
-    """Return what SocketCAN reports of an error to the sender of the destroyed frame."""
-    classes, details = _PROTOCOL | _BUS_ERROR, 0
-    counts = event.transmit_errors, event.receive_errors
-    if event.has_changed and event.state is ControllerState.BUS_OFF:
-        classes |= _BUS_OFF
-    elif event.has_changed:
-        classes |= _CONTROLLER
-        details = _state_details(event.state, *counts)
-    data = bytes((0, details, _BIT_ERROR, 0, 0, 0, *(min(count, 255) for count in counts)))
-    return Frame(classes, data, ERROR)
-
-
-def _state_details(state: ControllerState, transmit: int, receive: int) -> int:
-    """Byte 1: the state, and which of the counters has led there."""
-    if state is ControllerState.ERROR_ACTIVE:
-        return 0x40
-    is_passive = state is ControllerState.ERROR_PASSIVE
-    low = PASSIVE_MIN if is_passive else WARNING_MIN
-    by_transmit, by_receive = (0x20, 0x10) if is_passive else (0x08, 0x04)
-    return by_transmit * (transmit >= low) | by_receive * (receive >= low)
+BIT_ERROR = Frame(_PROTOCOL | _BUS_ERROR, b"\0\0\1\0\0\0\0\0", ERROR)
+"""What a recording has of a frame that noise has destroyed."""
 
 
 def error_causes(frame: Frame) -> tuple[str, ...]:

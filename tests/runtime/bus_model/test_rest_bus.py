@@ -8,7 +8,7 @@ from contextlib import suppress
 import pytest
 
 from steer_by_wire.runtime.bus_model.bit_noise import BusNoise
-from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorEvent
+from steer_by_wire.runtime.bus_model.bus_errors import BusErrors
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
 from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
@@ -68,10 +68,11 @@ def drive(
     bus.advance(END_NS + 1)
 
 
-def errors_with(bit_error_rate: float | None, events: list[ErrorEvent]) -> BusErrors | None:
+def errors_with(bit_error_rate: float | None, events: list[tuple[int, int]]) -> BusErrors | None:
     if bit_error_rate is None:
         return None
-    errors = BusErrors(BusNoise(bit_error_rate, BITRATE_BIT_S, 5), events.append)
+    noise = BusNoise(bit_error_rate, BITRATE_BIT_S, 5)
+    errors = BusErrors(noise, lambda *event: events.append(event))
     for node in range(-5, 2):
         errors.join(node)
     return errors
@@ -82,8 +83,8 @@ def test_the_rest_bus_is_its_frames_submitted_one_by_one(
     bit_error_rate: float | None,
 ) -> None:
     sent, seed = messages(1), 3
-    fast_events: list[ErrorEvent] = []
-    slow_events: list[ErrorEvent] = []
+    fast_events: list[tuple[int, int]] = []
+    slow_events: list[tuple[int, int]] = []
     fast_seen: Seen = []
     slow_seen: Seen = []
 
@@ -103,8 +104,8 @@ def test_the_rest_bus_is_its_frames_submitted_one_by_one(
     slow_seen = [seen for seen in slow_seen if seen[0] <= END_NS]
     assert len(slow_seen) > 2_000 or (bit_error_rate or 0) > 1e-3
     assert [seen for seen in fast_seen if seen[0] <= END_NS] == slow_seen
-    assert [event for event in fast_events if event.time_ns <= END_NS] == [
-        event for event in slow_events if event.time_ns <= END_NS
+    assert [event for event in fast_events if event[0] <= END_NS] == [
+        event for event in slow_events if event[0] <= END_NS
     ]
     assert bool(slow_events) == bool(bit_error_rate)
 
