@@ -125,6 +125,30 @@ def write_mathml(writer: Any, node: Any) -> None:
     raise SkipNode
 
 
+MADE_OF = {
+    "dbc/steer_by_wire.dbc": "generated/messages.md",
+    "controller/settings.py": "generated/controller_settings.md",
+    "plant_emulator/settings.py": "generated/plant_settings.md",
+    "tools/design/specification.py": "generated/design_specification.md",
+    "examples/README.md": "gallery/index.rst",
+    **{
+        f"examples/{file.name}": f"gallery/{file.stem}.rst"
+        for file in DOCS.parent.glob("examples/*.py")
+        if not file.name.startswith("foreign_")
+    },
+}
+"""What GitHub shows in place of a page that is made with the site."""
+
+
+def link_to_made_pages(_app: Any, docname: str, source: list[str]) -> None:
+    """Let links to files of the repository lead to the pages that are made of them."""
+    if docname.startswith(("gallery/", "generated/")):
+        return
+    for file, page in MADE_OF.items():
+        link = rf"\]\((?:\.\./)+{re.escape(file)}(#[^)]*)?\)"
+        source[0] = re.sub(link, lambda found, page=page: f"](/{page}{found[1] or ''})", source[0])
+
+
 def link_to_colab(_app: Any, docname: str, source: list[str]) -> None:
     """Let a page of the gallery end with a link that opens its notebook."""
     if IS_RELEASE and docname.startswith("gallery/") and not docname.endswith("index"):
@@ -136,6 +160,7 @@ def setup(app: Any) -> None:
     """Write the generated pages before Sphinx looks for pages."""
     write_pages(DOCS / "generated")
     app.add_html_math_renderer("mathml", (write_mathml, None), (write_mathml, None))
+    app.connect("source-read", link_to_made_pages)
     app.connect("source-read", link_to_colab)
     app.connect("autodoc-process-docstring", name_lists)
     app.connect("autodoc-process-signature", without_fields)
