@@ -15,7 +15,7 @@ from contextlib import asynccontextmanager, suppress
 from aiohttp import WSMsgType, web
 
 from .page import page_files, served_page, single_page
-from .page_access import guarded
+from .page_access import Entrance, guarded
 from .page_requests import Desk
 from .replay import read_replay
 from .signals import packed_rows
@@ -23,10 +23,8 @@ from .signals import packed_rows
 STRANGERS_MAX = 64
 """Connections open at once that have not asked with the token. A browser asks at once, so that who
 only connects cannot keep it out, nor use up the program's files."""
-_ACCEPTED_MAX = 16
-"""Connections accepted at once: a browser's is read before STRANGERS_MAX others have come."""
 _WAITING_MAX = 4096
-"""Connections that wait for that in the kernel; of those beyond, a browser's waits for a second."""
+"""Connections that wait in the kernel to be accepted; a browser beyond them waits for a second."""
 
 
 BATCH_S = 1.0 / 40.0
@@ -168,13 +166,16 @@ async def serving(server: Server, host: str, port: int) -> AsyncIterator[int]:
     runner = web.AppRunner(server.application(), access_log=None, shutdown_timeout=0.5)
     await runner.setup()
     try:
-        loop = asyncio.get_running_loop()
-        with socket.create_server((host, port)) as listener:
-            listening = await loop.create_server(
-                lambda: server.connection(runner), sock=listener, backlog=_ACCEPTED_MAX
-            )
-            listener.listen(_WAITING_MAX)
-            yield int(listener.getsockname()[1])
-            listening.close()
+        with socket.create_server((host, port), backlog=_WAITING_MAX) as listener:
+            port = int(listener.getsockname()[1])
+            if os.name != "posix":  # elsewhere a loop of asyncio watches no sockets
+                await asyncio.get_running_loop().create_server(
+                    lambda: server.connection(runner), sock=listener
+                )
+                yield port
+                return
+            entrance = Entrance(listener, STRANGERS_MAX, lambda: server.connection(runner))
+            yield port
+            entrance.close()
     finally:
         await runner.cleanup()
