@@ -61,7 +61,7 @@ def test_a_preset_keeps_the_error_its_file_states(law: str) -> None:
 
 
 def test_the_smith_preset_is_stable_as_far_as_its_file_states() -> None:
-    settings = preset("practical_smith")
+    settings = preset("practical_smith", ("followed_point=preview",))
     text = read_preset("steer_by_wire.controller.presets", "practical_smith").text
     stated = re.search(r"# +stable +up to (\d+) ms", text)
     assert stated

@@ -74,6 +74,14 @@ def test_a_wheel_that_follows_plans_keeps_the_rate_where_they_change(
         before = row
 
 
+SHARP = (
+    *("predictor.steer_per_error_rad_m=0.3", "estimator.curvature_walk_1_m_sqrt_s=0.27"),
+    *("estimator.yaw_rate_noise_rad_s_sqrt_s=0.023",),
+    "estimator.steering_offset_walk_rad_sqrt_s=0.0026",
+)
+"""Without regard to noise: a law that turns into a bend at once."""
+
+
 def controller(*overrides: str) -> ControllerSettings:
     preset = read_preset("steer_by_wire.controller.presets", "highway_packet")
     return load_settings(ControllerSettings, preset, None, overrides)
@@ -125,11 +133,12 @@ def test_an_outage_of_half_a_second_in_a_bend_costs_nothing() -> None:
         "latency.downlink.schedule=[{time_s=0.0, mean_s=0.1}, {time_s=0.8, mean_s=0.1, loss=1.0},"
         " {time_s=1.3, mean_s=0.1}]",
     )
-    planned = run(controller(), *lost, duration_s=3.0)[2]
-    single = run(on_bus(controller(), takes_fd=False), *lost, duration_s=3.0)[2]
+    sharp = controller(*SHARP)
+    planned = run(sharp, *lost, duration_s=3.0)[2]
+    single = run(on_bus(sharp, takes_fd=False), *lost, duration_s=3.0)[2]
     # The outage is reported as with single commands; only the wheel moves on.
     assert planned["safety"]["holdings"] == single["safety"]["holdings"] == 1
-    whole = run(controller(), "latency.downlink.mean_s=0.1", duration_s=3.0)[2]
+    whole = run(sharp, "latency.downlink.mean_s=0.1", duration_s=3.0)[2]
     whole_m = whole["preview_peak_m"]
     assert whole_m < 0.01
     assert planned["preview_peak_m"] == pytest.approx(whole_m, abs=1e-4)

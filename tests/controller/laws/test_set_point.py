@@ -13,9 +13,10 @@ from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.laws.set_point import FollowedPoint, set_point_of, steady_set_point_m
 from steer_by_wire.controller.prediction.prediction import steer_for
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import estimator_at_rest
+from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError, preset_names
 from tests.support.loops.baseline_runs import vehicle_of
 from tests.support.runs.compiled_runs import plant_settings as rig
 
@@ -123,3 +124,9 @@ def test_what_cannot_be_followed_is_refused(
 ) -> None:
     with pytest.raises(SettingsError, match=message):
         preset(name, overrides)
+
+
+def test_the_practical_presets_follow_the_car() -> None:
+    names = [name for name in preset_names(PRESETS) if name.startswith("practical_")]
+    assert len(names) >= 10
+    assert {preset(name).followed_point for name in names} == {"centre_of_gravity"}

@@ -90,7 +90,7 @@ def test_the_predictor_holds_half_a_second_and_the_observers_do_not(tmp_path: Pa
         assert found.settled_m[condition, predictor, 1] < 0.003
     assert found.settled_m[constant, ddob, 1] > 0.1
     assert found.settled_m[constant, of_preview, 0] > 0.05
-    assert found.settled_m[lag, predictor, 1] < 0.02
+    assert found.settled_m[lag, predictor, 1] < 0.03
     # Newest wins, what acts is younger than the mean, and hides what jitter does in order.
     assert found.settled_m[newest_wins, ddob, 1] < 0.01
     assert found.settled_m[in_order, ddob, 1] > 0.1
@@ -128,7 +128,7 @@ def test_it_breaks_where_the_lane_is_lost_first_and_nominal_differs_from_heavy(
     seeded = chosen.sampling.model_copy(update={"seed": 1001})  # whatever the study's is
     found = by_delay(*computed(tmp_path, chosen.model_copy(update={"sampling": seeded})))
     nominal, heavy = found.peak_m[:, 0, 0].tolist()
-    assert 1e-4 < 1.1 * nominal < heavy < 0.05
+    assert 1e-4 < 1.1 * nominal < heavy < 0.1
     assert found.holds.all()
 
 
