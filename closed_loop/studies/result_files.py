@@ -2,7 +2,7 @@
 
     FOLDER/study.json                 what determines the results; a study is continued only if it
                                       is the same
-    FOLDER/chunks/000012.parquet      the rows so far of ``CHUNK_RUNS`` ids that follow each other
+    FOLDER/chunks/00004096.parquet    rows so far, named by the first id; each row is in one file
     FOLDER/results.parquet            all rows, sorted by id, when the study is complete; the chunks
                                       are then removed
 
@@ -24,20 +24,19 @@ from typing import Any
 import numpy as np
 
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS
-from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.input_file import read_bytes
 from ...runtime.output_file import write_text
 from ...runtime.program.output_folder import refuse_another_run
 from ...runtime.settings import SettingsError
 from .compiled_figures import COLUMNS, COUNTS, verdicts
 from .compiled_runs import Computed
-from .row_file import check, count_rows, pyarrow, read_table, write_rows
+from .row_file import check, pyarrow, read_table, write_rows
 from .scenario import Scenarios
 
 CHUNK_RUNS = 4096
-"""Rows of a chunk: about a megabyte in memory."""
+"""Rows that are handed out, kept in memory and written together: about a megabyte."""
 WRITE_S = 10.0
-"""Interval at which incomplete chunks are written: the most computing that a crash can lose."""
+"""Rows wait this long to be written: the most computing that a crash can lose."""
 RESULTS = "results.parquet"
 STUDY = "study.json"
 
@@ -52,7 +51,8 @@ class Store:
         self.scenarios = scenarios
         self._runs = scenarios.study.runs
         self._chunk_runs = chunk_runs
-        self._open: dict[int, _Chunk] = {}
+        self._done = np.zeros(self._runs, dtype=np.bool_)
+        self._new: list[Computed] = []
         self._written_s = time.monotonic()
         self._schema = self._make_schema()
         self._record = scenarios.study.identity.encode()
@@ -91,125 +91,69 @@ class Store:
         if self.is_complete:
             check(self.results, self._record)
             shutil.rmtree(self._chunks, ignore_errors=True)
-        else:
-            self._chunks.mkdir(exist_ok=True)
+            self._done[:] = True
+            return
+        self._chunks.mkdir(exist_ok=True)
+        for file in self._files():
+            self._done[read_table(file, self._record, ["id"])["id"].to_numpy()] = True
 
     def stored(self) -> int:
         """Return how many runs are stored."""
-        if self.is_complete:
-            return self._runs
-        return sum(count_rows(file, self._record) for file in self._chunks.glob("*.parquet"))
+        return int(np.count_nonzero(self._done))
 
     def missing(self) -> Iterator[list[int]]:
-        """Yield the ids that are not stored yet, chunk by chunk, in order."""
-        for number in range(-(-self._runs // self._chunk_runs)):
-            is_missing = ~self._chunk(number).is_done
-            if is_missing.any():
-                yield (np.flatnonzero(is_missing) + number * self._chunk_runs).tolist()
-            else:
-                del self._open[number]
+        """Yield the ids that are not stored, in order, at most ``chunk_runs`` at once."""
+        for first in range(0, self._runs, self._chunk_runs):
+            ids = first + np.flatnonzero(~self._done[first : first + self._chunk_runs])
+            if len(ids):
+                yield ids.tolist()
 
     def put(self, computed: Computed) -> None:
-        """Take runs; complete chunks are written, and every WRITE_S the others too."""
-        numbers = computed.ids // self._chunk_runs
-        for number in np.unique(numbers).tolist():
-            rows = numbers == number
-            chunk = self._chunk(number)
-            chunk.store(Computed(*(column[rows] for column in computed)), number * self._chunk_runs)
-            if chunk.is_done.all():
-                self._write_chunk(number, chunk)
-                del self._open[number]
-        if time.monotonic() - self._written_s >= WRITE_S:
+        """Take runs that are not stored yet; they are written in batches."""
+        self._done[computed.ids] = True
+        self._new.append(computed)
+        is_late = time.monotonic() - self._written_s >= WRITE_S
+        if is_late or sum(len(block.ids) for block in self._new) >= self._chunk_runs:
             self.flush()
 
     def flush(self) -> None:
-        """Write the rows of the incomplete chunks."""
-        for number, chunk in self._open.items():
-            if chunk.is_new:
-                self._write_chunk(number, chunk)
-                chunk.is_new = False
+        """Write the rows that wait."""
+        if self._new:
+            computed = Computed(*map(np.concatenate, zip(*self._new, strict=True)))
+            file = self._chunks / f"{computed.ids.min():08d}.parquet"
+            write_rows(file, self._record, self._schema, [self._table(computed)])
+            self._new.clear()
         self._written_s = time.monotonic()
 
     def finish(self) -> None:
         """Join all chunks; every run must be stored."""
         if self.is_complete:
             return
-        chunks = map(self._file, range(-(-self._runs // self._chunk_runs)))
-        tables = (read_table(file, self._record) for file in chunks)
-        write_rows(self.results, self._record, self._schema, tables)
+        self.flush()
+        tables = [read_table(file, self._record) for file in self._files()]
+        table = self._arrow.concat_tables(tables).sort_by("id")
+        firsts = range(0, self._runs, self._chunk_runs)
+        parts = (table.slice(first, self._chunk_runs) for first in firsts)
+        write_rows(self.results, self._record, self._schema, parts)
         shutil.rmtree(self._chunks)
 
     def find(self, run: int) -> dict[str, Any] | None:
         """Return one row by its id; None if it is not stored."""
-        number = run // self._chunk_runs
-        for file in (self.results, self._file(number)):
-            if file.exists():
-                table = read_table(file, self._record, filters=[("id", "=", run)])
-                if table.num_rows:
-                    found: dict[str, Any] = table.to_pylist()[0]
-                    return found
+        for file in [self.results] if self.is_complete else self._files():
+            table = read_table(file, self._record, filters=[("id", "=", run)])
+            if table.num_rows:
+                found: dict[str, Any] = table.to_pylist()[0]
+                return found
         return None
 
-    def _file(self, number: int) -> Path:
-        return self._chunks / f"{number:06d}.parquet"
+    def _files(self) -> list[Path]:
+        return sorted(self._chunks.glob("*.parquet"))
 
-    def _chunk(self, number: int) -> "_Chunk":
-        if number not in self._open:
-            size = min(self._chunk_runs, self._runs - number * self._chunk_runs)
-            chunk = _Chunk(size)
-            if self._file(number).exists():
-                chunk.store(self._read(self._file(number)), number * self._chunk_runs)
-                chunk.is_new = False
-            self._open[number] = chunk
-        return self._open[number]
-
-    def _read(self, file: Path) -> Computed:
-        table = read_table(file, self._record)
-        ends = [RUN_ENDS.index(end) for end in table["ended_by"].to_pylist()]
-        figures = [table[name].to_numpy().astype(np.float64) for name in COLUMNS]
-        return Computed(
-            table["id"].to_numpy(), np.array(ends, dtype=np.int64), np.column_stack(figures)
-        )
-
-    def _write_chunk(self, number: int, chunk: "_Chunk") -> None:
-        done = np.flatnonzero(chunk.is_done)
-        table = self._table(done + number * self._chunk_runs, chunk.ends[done], chunk.figures[done])
-        write_rows(self._file(number), self._record, self._schema, [table])
-
-    def _table(self, ids: IntArray, ends: IntArray, figures: FloatArray) -> Any:
-        study = self.scenarios.study
-        names = list(study.controllers)
-        cases = ids // len(names)
-        unique, first = np.unique(cases, return_inverse=True)
-        made = [self.scenarios.case(index) for index in unique.tolist()]
-        rows = [made[place] for place in first.tolist()]
-        texts = [json.dumps(case.overrides) for case in made]
-        controllers = [names[place] for place in (ids % len(names)).tolist()]
-        laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
-        columns: dict[str, Any] = {
-            "id": ids,
-            "point": [case.point for case in rows],
-            "replicate": [case.replicate for case in rows],
-            "seed": [case.seed for case in rows],
-            "controller": controllers,
-            "law": [laws[name] for name in controllers],
-        }
-        for place, factor in enumerate(study.design.factors):
-            kind = self._schema.field(factor.name).type
-            labels = [case.labels[place] for case in rows]
-            text = kind == self._arrow.string()
-            columns[factor.name] = [str(label) for label in labels] if text else labels
-        columns["verdict"] = [str(v) for v in verdicts(study.settings.verdict, ends, figures)]
-        columns["ended_by"] = [str(RUN_ENDS[end]) for end in ends.tolist()]
-        for place, name in enumerate(COLUMNS):
-            values = figures[:, place]
-            columns[name] = values.astype(np.int64) if name in COUNTS else values
-        columns["overrides"] = [
-            json.dumps(self.scenarios.with_controller(case, name).overrides)
-            if name in self.scenarios.plant_of
-            else texts[place]
-            for case, name, place in zip(rows, controllers, first.tolist(), strict=True)
-        ]
+    def _table(self, computed: Computed) -> Any:
+        columns = columns_of(self.scenarios, computed)
+        for factor in self.scenarios.study.design.factors:
+            if self._schema.field(factor.name).type == self._arrow.string():
+                columns[factor.name] = [str(label) for label in columns[factor.name]]
         return self._arrow.table(columns, schema=self._schema)
 
     def _make_schema(self) -> Any:
@@ -225,20 +169,41 @@ class Store:
         return arrow.schema([*fields, ("overrides", text)])
 
 
-class _Chunk:
-    def __init__(self, size: int) -> None:
-        self.is_done = np.zeros(size, dtype=np.bool_)
-        self.ends = np.zeros(size, dtype=np.int64)
-        self.figures = np.full((size, len(COLUMNS)), np.nan)
-        self.is_new = False
-
-    def store(self, computed: Computed, first: int) -> None:
-        """Store rows whose ids count from ``first``."""
-        places = computed.ids - first
-        self.is_done[places] = True
-        self.ends[places] = computed.ends
-        self.figures[places] = computed.figures
-        self.is_new = True
+def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
+    """Return the columns of computed runs by name; factors by their labels."""
+    study = scenarios.study
+    names = list(study.controllers)
+    cases, places = np.divmod(computed.ids, len(names))
+    unique, first = np.unique(cases, return_inverse=True)
+    made = [scenarios.case(index) for index in unique.tolist()]
+    texts = [json.dumps(case.overrides) for case in made]
+    rows = [made[place] for place in first.tolist()]
+    controllers = [names[place] for place in places.tolist()]
+    laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
+    judged = verdicts(study.settings.verdict, computed.ends, computed.figures)
+    figures = dict(zip(COLUMNS, computed.figures.T.copy(), strict=True))
+    return {
+        "id": computed.ids,
+        "point": [case.point for case in rows],
+        "replicate": [case.replicate for case in rows],
+        "seed": [case.seed for case in rows],
+        "controller": controllers,
+        "law": [laws[name] for name in controllers],
+        **{
+            factor.name: [case.labels[place] for case in rows]
+            for place, factor in enumerate(study.design.factors)
+        },
+        "verdict": [str(verdict) for verdict in judged],
+        "ended_by": [str(RUN_ENDS[end]) for end in computed.ends.tolist()],
+        **figures,
+        **{name: figures[name].astype(np.int64) for name in COUNTS},
+        "overrides": [
+            json.dumps(scenarios.with_controller(case, name).overrides)
+            if name in scenarios.plant_of
+            else texts[place]
+            for case, name, place in zip(rows, controllers, first.tolist(), strict=True)
+        ],
+    }
 
 
 def are_numbers(labels: Sequence[Any]) -> bool:

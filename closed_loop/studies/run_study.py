@@ -11,9 +11,8 @@ from ...controller.law_interface import Law
 from ...runtime.settings import SettingsError, with_values
 from ...runtime.settings.plugin import by_place
 from ..scripting.simulate import GAMMA, NO_OVERRIDES, SHORT, by_side
-from .compiled_figures import COLUMNS, Figures, verdicts
 from .compiled_runs import Computer
-from .result_files import Store
+from .result_files import Store, columns_of
 from .scenario import Scenarios
 from .study import COLUMNS_TAKEN, Study, load_study, make_study
 from .study_file import BaseSettings, StudySettings
@@ -58,9 +57,8 @@ def _blocks(chunks: Iterable[list[int]], block_runs: int) -> Iterator[Block]:
 def run_study(file: str | Path) -> Mapping[str, NDArray[Any]]:
     """Compute every run of a study file on one thread; returns columns of shape (runs,) by name.
 
-    ``controller``, ``replicate``, ``verdict``, the factors by their names, and the figures of
-    ``results.parquet`` of ``steer-by-wire study``; in the same order and the same to the last bit.
-    Nothing is stored. Raises SettingsError.
+    They are those of ``results.parquet`` of ``steer-by-wire study``, in the same order and the same
+    to the last bit. Nothing is stored. Raises SettingsError.
     """
     return _computed(load_study(Path(file)))
 
@@ -140,28 +138,5 @@ def _column(key: str, over: Iterable[str]) -> str:
 def _computed(study: Study) -> Mapping[str, NDArray[Any]]:
     scenarios = Scenarios(study)
     scenarios.check()
-    runs = range(scenarios.study.runs)
-    done = Computer(scenarios).compute(runs, lambda: False)
-    judged = verdicts(
-        scenarios.study.settings.verdict, done.ends, done.figures[:, : len(Figures._fields)]
-    )
-    return {
-        **_factors(scenarios),
-        "verdict": np.array([str(verdict) for verdict in judged]),
-        **dict(zip(COLUMNS, done.figures.T.copy(), strict=True)),
-    }
-
-
-def _factors(scenarios: Scenarios) -> dict[str, NDArray[Any]]:
-    """Return the columns in which the runs differ."""
-    names = scenarios.controllers
-    cases = [scenarios.case(run // len(names)) for run in range(scenarios.study.runs)]
-    factors = [factor.name for factor in scenarios.study.design.factors]
-    return {
-        "controller": np.tile(np.array(names), scenarios.study.cases),
-        "replicate": np.array([case.replicate for case in cases]),
-        **{
-            name: np.array([case.labels[place] for case in cases])
-            for place, name in enumerate(factors)
-        },
-    }
+    done = Computer(scenarios).compute(range(study.runs), lambda: False)
+    return {name: np.array(values) for name, values in columns_of(scenarios, done).items()}

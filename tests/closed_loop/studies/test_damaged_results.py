@@ -109,7 +109,7 @@ def folder_in_its_place(file: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [rows_of_another_study, no_parquet, empty, folder_in_its_place])
-@pytest.mark.parametrize("name", ["results.parquet", "chunks/000000.parquet"])
+@pytest.mark.parametrize("name", ["results.parquet", "chunks/00000000.parquet"])
 def test_every_reader_refuses_files_that_are_damaged_or_anothers(
     name: str, damage: Callable[[Path], None], folder: Path, scenarios: Scenarios
 ) -> None:
