@@ -15,9 +15,7 @@ from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
     REVISIONS,
     Decoded,
-    PathAhead,
     Rejection,
-    SteeringPlan,
     decode,
     encode,
     encode_not_available,
@@ -135,16 +133,6 @@ def test_one_or_two_flipped_bits_of_a_protected_frame_are_always_found(
             assert decode(frame._replace(data=flip(frame.data, bits))) in NOT_INTACT
 
 
-def test_three_flipped_bits_are_always_found() -> None:
-    """The CRC is linear, so which flips it finds does not depend on the payload.
-
-    Between the CRCs under two Data IDs lie few bits at times: then these look like another message.
-    """
-    found = [decode(Frame(0x100, flip(PAYLOAD, bits))) for bits in combinations(range(64), 3)]
-    assert set(found) <= NOT_INTACT
-    assert found.count(Rejection.BAD_CRC) > 0.995 * len(found)
-
-
 @pytest.mark.parametrize("bit", REVISIONS)
 @pytest.mark.parametrize("definition", PROTECTED, ids=lambda message: str(message.name))
 def test_a_message_of_another_revision_of_the_dbc_is_known_as_such(
@@ -154,13 +142,3 @@ def test_a_message_of_another_revision_of_the_dbc_is_known_as_such(
     payload = bytearray(frame.data)
     protect(payload, DATA_IDS[MESSAGE_TYPES[definition.name]] ^ bit)
     assert decode(frame._replace(data=bytes(payload))) is Rejection.OTHER_REVISION
-
-
-@pytest.mark.parametrize("definition", PROTECTED, ids=lambda message: str(message.name))
-def test_a_protected_payload_under_another_identifier_is_found(definition: Definition) -> None:
-    frame = frame_of_raws(definition, {})
-    long = {CAN_IDS[SteeringPlan], CAN_IDS[PathAhead]}
-    for can_id in {CAN_IDS[kind] for kind in DATA_IDS} - {frame.can_id}:
-        is_as_long = (can_id in long) == (frame.can_id in long)
-        cause = Rejection.MASQUERADED if is_as_long else Rejection.WRONG_LENGTH
-        assert decode(frame._replace(can_id=can_id)) is cause

@@ -3,7 +3,6 @@
 import argparse
 import importlib.resources
 from collections.abc import Callable
-from math import isfinite
 from pathlib import Path
 
 import pytest
@@ -14,10 +13,8 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.codec.codec import ContractError, codecs_of
 from steer_by_wire.dbc.contract.dbc_file import layouts_of, parse_database
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
-from steer_by_wire.plant_emulator.path.waypoints import waypoint_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.command_line import output_file
-from steer_by_wire.runtime.emulated_bus.address import AddressError, parse_address
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 
 DBC = (
@@ -54,21 +51,6 @@ def test_a_settings_file_beyond_reading_is_refused_in_one_line_that_names_it(
     assert reported in text
 
 
-def test_a_settings_file_without_end_is_refused() -> None:
-    if not Path("/dev/zero").exists():
-        pytest.skip("there is no /dev/zero")
-    assert "longer than" in refusal(lambda: load_settings(PlantSettings, file=Path("/dev/zero")))
-
-
-@pytest.mark.parametrize(
-    "override", ["seed=\udcff", "\udcff=1", "a" + ".a" * 3000 + "=1", "path.file=\udcff"]
-)
-def test_an_override_of_any_bytes_is_refused(override: str) -> None:
-    assert refusal(lambda: load_settings(PlantSettings, overrides=[override])).startswith(
-        "command line: "
-    )
-
-
 @pytest.mark.parametrize(
     ("key", "value", "allowed"),
     [
@@ -84,16 +66,6 @@ def test_a_value_that_would_overflow_on_the_way_to_a_filter_is_refused_with_its_
     text = refusal(lambda: controller_preset("practical_pd_ddob", [f"{key}={value}"]))
     assert text.startswith(f"command line: {key} = {float(value)}")
     assert allowed in text
-
-
-def test_waypoints_that_fall_into_one_are_one(tmp_path: Path) -> None:
-    file = tmp_path / "points.csv"
-    file.write_text("x_m,y_m\n0,0\n1e3,0\n1e3,1e-11\n0,1e3\n0,5\n")
-    assert isfinite(waypoint_path(file, closed=False).length_m)
-
-
-def test_a_file_name_with_a_nul_is_refused() -> None:
-    assert "null byte" in refusal(lambda: waypoint_path(Path("a\0b"), closed=False))
 
 
 @pytest.mark.parametrize("stamp", ["999999999999.0", "9999999999.0"])
@@ -127,14 +99,6 @@ def test_a_damaged_dbc_is_reported_in_one_line(text: str) -> None:
         codecs_of(layouts_of(parse_database(text)), MESSAGE_TYPES.items())
     assert str(raised.value).startswith("steer_by_wire.dbc: ")
     assert len(str(raised.value).splitlines()) == 1
-
-
-def test_a_port_of_thousands_of_digits_is_no_port() -> None:
-    try:
-        address = parse_address("localhost:" + "9" * 5000)
-    except AddressError:
-        return
-    assert "9999" in str(address)
 
 
 def test_a_name_that_no_file_can_have_is_reported_by_the_option() -> None:

@@ -191,16 +191,6 @@ def test_recovery_makes_no_jump(law: str, outage_periods: int) -> None:
     assert last.sent_steer_rad == pytest.approx(max(-0.6, min(0.6, last.law_output.steer_rad)))
 
 
-def test_commands_obey_the_settings_limits() -> None:
-    plant = link(limits={"steer_rad_max": 0.3, "steer_rate_rad_s_max": 0.5})
-    plant.drive(200, 50.0)
-    steers_rad = [command.steer_rad for command in plant.commands]
-    assert steers_rad[0] == pytest.approx(-0.005)
-    assert steers_rad[-1] == pytest.approx(-0.3)
-    assert all(abs(b - a) <= 0.005 + 1.1e-5 for a, b in pairwise(steers_rad))
-    assert plant.node.report()["peak_steer_rad"] == 0.3
-
-
 def law_that_steers(
     monkeypatch: pytest.MonkeyPatch, *steers_rad: float, then_rad: float | None = None
 ) -> Link:

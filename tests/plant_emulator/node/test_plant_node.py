@@ -116,16 +116,6 @@ def test_a_bad_command_starts_nothing() -> None:
     assert tested.node.report()["rejected"] == {"bad_crc": 1, "not_available": 1}
 
 
-def test_with_no_latency_a_command_at_the_instant_of_a_sample_acts_before_the_next() -> None:
-    tested = link()
-    tested.tick_until(START_NS)
-    tested.command(START_NS, 0.1)
-    assert tested.node.deadline_ns == START_NS
-    tested.tick_until(START_NS + PERIOD_NS)
-    assert [sample.wheel_angle_rad for sample in tested.node.samples] == [0.1]
-    assert tested.node.samples[0].time_s == 0.01
-
-
 def test_the_status_echoes_the_command_in_effect() -> None:
     tested = link(latency={"downlink": {"mean_s": 0.025}})
     tested.tick_until(START_NS)

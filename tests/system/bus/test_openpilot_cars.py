@@ -4,7 +4,6 @@ It is in the extra ``dev`` (Python below 3.13); without it all tests here are sk
 """
 
 import math
-import random
 import shutil
 from collections.abc import Sequence
 from functools import cache
@@ -20,10 +19,8 @@ from steer_by_wire.closed_loop.pair.virtual_pair import (
     run_virtual_nodes,
 )
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.dialect.car_message import Refused
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.messages import Decoded, LateralError, decode
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
@@ -231,27 +228,3 @@ def test_the_car_s_own_controller_holds_the_path_at_60_km_h(name: str, tmp_path:
     assert report["dialect"]["accepted"] >= MOTION_S * 50
     assert verdict_text(report).startswith("holds: ")
     assert 0.005 < report["wheel_angle_peak_rad"] < 0.1
-
-
-@pytest.mark.parametrize("name", CARS)
-def test_every_counter_and_checksum_is_taken_on_both_sides(name: str, tmp_path: Path) -> None:
-    """With drawn values; the packer of opendbc leaves the Leaf's checksum to its controller."""
-    database, drawn = CARS[name].database, random.Random(name)
-    protected = [
-        message
-        for message in dialect_of(name, tmp_path).messages
-        if message.settings.checksum or message.settings.counter
-    ]
-    assert len(protected) >= 4
-    for message in protected:
-        parser = import_module("opendbc.can").CANParser(database, [(message.name, 100)], 0)
-        packer = import_module("opendbc.can").CANPacker(database)
-        for number in range(1, FRAMES):
-            values = {quantity: drawn.uniform(-0.5, 0.5) for quantity in Quantity}
-            frame = message.frame(values, number)
-            assert parser.message_states[message.can_id].parse(number, frame.data), message.name
-            data = bytes(packer.pack(message.can_id, dict.fromkeys(message.settings.signals, 0.5)))
-            if name != "nissan_leaf":
-                read = message.read(data)
-                assert not isinstance(read, Refused), message.name
-                assert read.counter == (number - 1) % message.counters, message.name

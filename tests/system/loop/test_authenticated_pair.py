@@ -160,15 +160,6 @@ def test_a_pair_that_has_not_met_needs_three_status_messages_and_then_drives(cla
     assert pair.report["synchronised"]
 
 
-def test_on_a_bus_with_a_bit_rate_the_other_lengths_change_the_run_by_their_times_only() -> None:
-    secured = Pair(*met(), bus=BusModel(500_000, 2_000_000))
-    unsecured = Pair(None, None, bus=BusModel(500_000))
-    assert secured.report["refused"] == {}
-    rms_m = [pair.plant.report()["preview_rms_m"] for pair in (secured, unsecured)]
-    assert rms_m[0] != rms_m[1]
-    assert rms_m[0] == pytest.approx(rms_m[1], rel=0.02)
-
-
 def test_who_only_listens_reads_the_same_from_authenticated_frames(
     classic: Pair, authenticated: Pair
 ) -> None:

@@ -2,7 +2,6 @@
 
 import errno
 import json
-import os
 import re
 import select
 import signal
@@ -10,8 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 
 import can
@@ -20,7 +18,7 @@ import pytest
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, CLIENTS_MAX, Broker
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
-from steer_by_wire.tools.bus.program import _first_signal, _print_line, main
+from steer_by_wire.tools.bus.program import _first_signal, main
 from tests.support.programs.broker_program import client, message, receive, start_broker
 from tests.support.programs.broker_program import directory as directory
 from tests.support.programs.broker_program import stack as stack
@@ -138,19 +136,6 @@ def test_a_signal_ends_the_broker_in_order(
     assert not Path(address).exists()
 
 
-@pytest.mark.parametrize("pause_s", [0.0, 0.002, 0.06])
-def test_a_second_signal_does_not_cost_the_report(
-    stack: ExitStack, directory: Path, pause_s: float
-) -> None:
-    report = directory / "report.json"
-    broker = start_broker(stack, "--address", str(directory / "socket"), "--json", str(report))
-    broker.send_signal(signal.SIGINT)
-    time.sleep(pause_s)
-    broker.send_signal(signal.SIGTERM)
-    broker.communicate(timeout=PATIENCE_S)
-    assert json.loads(report.read_text(encoding="utf-8"))["channels"] == {}
-
-
 def test_a_bus_that_fails_says_where_and_why_and_leaves_its_report(
     directory: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -253,24 +238,6 @@ def test_a_report_holds_what_was_carried_and_who_was_thrown_out(
     written = json.loads(report.read_text())
     assert written["clients"]["disconnected"]["garbage"] == 1
     assert written["channels"]["can0"]["frames"] == 1
-
-
-def test_a_broker_does_not_wait_for_a_reader_of_its_lines(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    read_end, write_end = os.pipe()
-    os.set_blocking(write_end, False)
-    with suppress(BlockingIOError):
-        while os.write(write_end, bytes(4096)):
-            pass
-    os.set_blocking(write_end, True)
-    with os.fdopen(read_end, "rb", 0) as reader, os.fdopen(write_end, "w") as stream:
-        monkeypatch.setattr(sys, "stderr", stream)
-        # It would wait for ever if it waited.
-        _print_line("a line that has no room")
-        reader.read(1 << 20)
-        _print_line("a line")
-        assert reader.read(100) == b"steer-by-wire bus: a line\n"
 
 
 def test_ctrl_c_before_it_listens_is_no_orderly_end(monkeypatch: pytest.MonkeyPatch) -> None:
