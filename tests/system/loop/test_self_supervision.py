@@ -149,7 +149,7 @@ def test_a_vehicle_that_spins_without_bound_ends_safely_before_it_is_no_number(
     json.dumps(report, allow_nan=False)
     last = tested.node.samples[-1]
     assert 1e140 < max(abs(last.lateral_error_m), abs(last.yaw_rate_rad_s)) <= LARGEST
-    assert report["final_m"] == last.lateral_error_m
+    assert report["final_m"] == last.cg_deviation_m
     # The last sample before the fault, and none after it.
     assert 0.0 < report["safety"]["safe_state"]["at_s"] - last.time_s <= 0.0100001
     assert tested.last(SteeringStatus).status is SteeringStatusCode.SAFE_STATE
