@@ -96,7 +96,7 @@ LONGEST = (
     "test_house_rules", "test_pages", "test_any_processor", "test_designed_presets",
     "test_compiled_run", "test_examples", "test_package", "test_studies_over_a_bus",
     "test_controller_program", "test_cockpit_page", "test_demo", "test_study_report",
-    "test_documentation", "test_jitter", "test_plugin_law",
+    "test_documentation", "test_plugin_law",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""
 
