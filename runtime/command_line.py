@@ -109,12 +109,12 @@ def add_overrides_argument(
     what: str = "override one setting",
     keys: Callable[[], Iterable[str]] = tuple,
 ) -> None:
-    """Add ``--set TABLE.KEY=VALUE``, repeatable; the shell is offered the ``keys``."""
+    """Add ``--set TABLE.KEY=VALUE``, repeatable; ``keys``: what the shell is offered."""
     metavar, repeatable = "TABLE.KEY=VALUE", f"{what}; repeatable"
     action = parser.add_argument(
         "--set", dest="overrides", action="append", default=[], metavar=metavar, help=repeatable
     )
-    offer(action, lambda: [f"{key}=" for key in keys()])
+    offer(action, keys)
 
 
 def offer(action: argparse.Action, values: Callable[[], Iterable[str]]) -> None:

@@ -9,7 +9,8 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,8 +57,11 @@ def answer_from_cache(program: str, line: str) -> bool:
         return False
     last = "" if line.endswith(" ") else words.pop()
     found = list(_candidates(known, words[-1], last))
-    if not found or "=" in last:
+    if not found:
         return False
+    if "=" in last and "=" in os.environ.get("_ARGCOMPLETE_COMP_WORDBREAKS", ""):
+        # To bash what stands behind the sign is a word.
+        found = [each.rpartition("=")[2] for each in found]
     end = " " if len(found) == 1 and not found[0].endswith(NO_SPACE) else ""
     escaped = [re.sub(r"([\s'\"()&;<>|$`\\])", r"\\\1", each) + end for each in found]
     _write(os.environ.get("_ARGCOMPLETE_IFS", "\v").join(escaped))
@@ -68,7 +72,16 @@ def _candidates(known: dict[str, Any], before: str, last: str) -> Iterator[str]:
     values = known["options"].get(before)
     if values is None:
         values = known["options"] if last.startswith("-") else known["places"]
-    yield from (value for value in values if value.startswith(last))
+    yield from offered(values, last)
+
+
+def offered(values: Iterable[str], last: str) -> list[str]:
+    """Return what may follow: the values of a setting only once its key is complete."""
+    return [
+        value
+        for value in values
+        if value.startswith(last) and ("=" in last or "=" not in value.rstrip(NO_SPACE))
+    ]
 
 
 def _values(action: "Action") -> list[str]:
@@ -80,7 +93,12 @@ def offer_values(parser: "ArgumentParser") -> None:
     """Let argcomplete know the values too."""
     for action in parser._actions:
         if values := _values(action):
-            setattr(action, "completer", lambda values=values, **_: values)  # noqa: B010
+            completer = partial(_offered, values)
+            setattr(action, "completer", completer)  # noqa: B010
+
+
+def _offered(values: list[str], prefix: str = "", **_: object) -> list[str]:
+    return offered(values, prefix)
 
 
 def _file(program: str) -> Path:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ..command_line import say
+from ..command_line import offer, say
 from ..exit_status import ExitStatus
 from ..settings.mistakes import hint
 
@@ -93,12 +93,13 @@ def add_fail_if_argument(
     parser: argparse.ArgumentParser, quantities: Mapping[str, Quantity]
 ) -> None:
     """Add ``--fail-if``, repeatable, which lists the quantities."""
-    parser.add_argument(
+    action = parser.add_argument(
         "--fail-if", action="append", default=[], type=condition_of(quantities),
         metavar="CONDITION",
         help=f"end with status 6 if it is met, such as 'rms_m > 0.02'; repeatable; of: "
         f"{', '.join(quantities)}",
     )  # fmt: skip
+    offer(action, lambda: quantities)
 
 
 def condition_of(quantities: Mapping[str, Quantity]) -> Callable[[str], Condition]:

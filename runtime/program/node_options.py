@@ -20,7 +20,7 @@ from ..command_line import (
 from ..port.interface_choice import add_bus_arguments
 from ..recording.recorder import recording_obstacle
 from ..settings import Settings, SharedTable, load_settings, preset_names, preset_title, read_preset
-from ..settings.mistakes import setting_keys
+from ..settings.mistakes import setting_words
 from .priority_and_memory_lock import priority
 
 _S = TypeVar("_S", bound=Settings)
@@ -71,7 +71,7 @@ def add_settings_arguments(
         help="preset, which the file overrides; without a name, list them",
     )  # fmt: skip
     offer(preset, lambda: preset_names(preset_package))
-    add_overrides_argument(parser, keys=lambda: setting_keys(model))
+    add_overrides_argument(parser, keys=lambda: setting_words(model))
 
 
 def _preset_action(package: str) -> type[argparse.Action]:

@@ -109,6 +109,20 @@ def setting_keys(model: type[BaseModel]) -> list[str]:
     return sorted(key for key in found if key not in tables)
 
 
+def setting_words(model: type[BaseModel]) -> list[str]:
+    """Return ``key=`` for all values that are no tables, and ``key=value`` for each known value."""
+    root = schema_of(model)
+    words = []
+    for key in setting_keys(model):
+        values = {
+            str(value): None
+            for schema in _schemas_at(root, tuple(key.split(".")), {})
+            for value in schema.get("enum", [schema["const"]] if "const" in schema else [])
+        }
+        words += [f"{key}=", *(f"{key}={value}" for value in values)]
+    return words
+
+
 def _keys_below(root: Schema, schema: Schema, path: KeyPath, above: Sequence[str]) -> Iterator[str]:
     """Return the dotted keys of the tables below ``schema``; lists are left out."""
     for alternative in _alternatives(root, schema, None):

@@ -35,7 +35,7 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.settings import preset_names
-from steer_by_wire.runtime.settings.mistakes import setting_keys
+from steer_by_wire.runtime.settings.mistakes import setting_words
 
 NAME = "steer-by-wire design"
 SHIPPED = "steer_by_wire.tools.design"
@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _setting_keys() -> Sequence[str]:
-    return setting_keys(importlib.import_module(f"{SHIPPED}.specification").Specification)
+    return setting_words(importlib.import_module(f"{SHIPPED}.specification").Specification)
 
 
 def _specifications() -> list[str]:

@@ -21,6 +21,7 @@ from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand, SteeringPlan
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
     command_parser,
+    offer,
     run_main,
     say,
     whole_number,
@@ -37,7 +38,7 @@ from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.faults.fault_frames import frame_source
 from steer_by_wire.tools.faults.forged_frames import ForgedFrames, OurFrames
 from steer_by_wire.tools.faults.injection import Action, Injection
-from steer_by_wire.tools.faults.live_faults import LiveFault, list_lines, parse_fault
+from steer_by_wire.tools.faults.live_faults import LiveFault, LiveKind, list_lines, parse_fault
 
 NAME = "steer-by-wire faults"
 FAULTS_MAX = 100
@@ -50,9 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command_parser(
         NAME, __doc__, f"{NAME} babble,onset_s=2,duration_s=1", "FAULT... [options]"
     )
-    parser.add_argument(
+    fault = parser.add_argument(
         "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], see --list"
     )
+    offer(fault, lambda: [str(kind) for kind in LiveKind])
     parser.add_argument("--list", action="store_true", help="list the faults")
     seed = whole_number(0, SEED_MAX)
     seed_help = "seed of all random numbers (default: %(default)s)"

@@ -11,7 +11,7 @@ from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.command_line import offer
 from ...runtime.settings import Settings, SettingsError, preset_names
-from ...runtime.settings.mistakes import hint, setting_keys
+from ...runtime.settings.mistakes import hint, setting_words
 
 PLANT_SIDE, CONTROLLER_SIDE = "plant", "controller"
 _PACKAGES: Mapping[str, str] = MappingProxyType(
@@ -39,7 +39,7 @@ def add_side_arguments(parser: argparse.ArgumentParser, default: str) -> None:
     )  # fmt: skip
     offer(
         override,
-        lambda: [f"{s}.{key}=" for s, model in _MODELS.items() for key in setting_keys(model)],
+        lambda: [f"{s}.{word}" for s, model in _MODELS.items() for word in setting_words(model)],
     )
 
 

@@ -244,6 +244,12 @@ def completions(line: str, tmp_path: Path) -> set[str]:
         ("steer-by-wire run --preset pap", {"paper_nominal", "paper_pd"}),
         ("steer-by-wire run --set plant.latency.up", {"plant.latency.uplink.mean_s="}),
         ("steer-by-wire controller --law pd_", {"pd_dob", "pd_cdob", "pd_ddob"}),
+        (
+            "steer-by-wire run --set plant.latency.uplink.model=g",
+            {"plant.latency.uplink.model=gamma"},
+        ),
+        ("steer-by-wire plant --fail-if set", {"settled_rms_m"}),
+        ("steer-by-wire faults sp", {"spoof"}),
         ("steer-by-wire study com", {"compare", "compare_at_speed"}),
         ("steer-by-wire cockpit --bus e", {"emulated"}),
     ],
