@@ -59,7 +59,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_log_is_judged_by_its_measured_error(log: Path, tmp_path: Path, capsys: Capture) -> None:
     analyze = [str(log), "--out", str(tmp_path)]
     assert analyze_main([*analyze, "--fail-if", "rms_m > 0.5"]) == ExitStatus.OK
-    assert last_line(capsys).startswith("verdict: holds: preview point at most ")
+    assert last_line(capsys).startswith("verdict: holds: car at most ")
     held = json.loads((tmp_path / "candump" / "figures.json").read_text())["held_path"]
     assert held["windows"]["window_s"] == pytest.approx(1.0, abs=0.02)
     strict = ["--verdict-set", "off_path_m=0.001", "--fail-if", "verdict != holds"]
@@ -91,12 +91,12 @@ def test_run_and_the_analysis_of_its_log_judge_alike(tmp_path: Path, capsys: Cap
         assert (verdict == "holds") is holds
 
 
-def test_a_log_without_commands_has_not_started(log: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_log_without_commands_is_not_judged(log: Path, tmp_path: Path, capsys: Capture) -> None:
     file = tmp_path / "plant_only.log"
     lines = log.read_text(encoding="ascii").splitlines(keepends=True)
     file.write_text("".join(line for line in lines if " 100#" not in line), encoding="ascii")
     assert analyze_main([str(file), "--out", str(tmp_path)]) == ExitStatus.OK
-    assert last_line(capsys) == "verdict: no start: no command ever reached the plant"
+    assert last_line(capsys) == "verdict: none: no command was read, but the plant applied some"
 
 
 def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys: Capture) -> None:
