@@ -66,13 +66,6 @@ def read_table(
     return parquet.read_table(file, columns=columns, filters=chosen)
 
 
-def count_rows(file: Path, record: bytes) -> int:
-    """Return how many rows a file has, after a check of its digest; raises SettingsError."""
-    _, parquet = pyarrow()
-    check(file, record)
-    return int(parquet.read_metadata(file).num_rows)
-
-
 def check(file: Path, record: bytes) -> None:
     """Refuse a damaged file, and the rows of another study; raises SettingsError."""
     try:
