@@ -85,7 +85,7 @@ def test_what_the_car_says_is_heard_as_ours(log: Path) -> None:
 
 
 def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
-    wanted = analyse_files([log], listening=listening()).figures["signals"]["lateral_error_m"]
+    wanted = analyse_files([log], listening=listening()).figures["signals"]["cg_deviation_m"]
     block = gzip.decompress(read_replay([log], None, listening()))
     assert struct.unpack("<2f", block[-8:]) == pytest.approx((wanted["rms"], abs(wanted["peak"])))
     unknown = gzip.decompress(read_replay([log]))
