@@ -221,7 +221,7 @@ def test_an_interface_that_no_longer_waits_has_ended() -> None:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["-i", "emulated", "--bus-kwargs", "addrss=x"], "no argument addrss .did you mean addr"),
+        (["-i", "emulated", "--bus-kwargs", "addressx=x"], "no argument addressx .did you mean"),
         (["-i", "socketcand", "-c", "can0"], "give it --bus-kwargs host=... port=..."),
         (["-i", "kvaser", "-c", "0"], "its driver or library is not installed on this machine"),
     ],
