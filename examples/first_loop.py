@@ -24,7 +24,7 @@ def main(folder: Path = Path("out/examples")) -> Run:
             "plant.disturbance.steps": [{"at_s": 10.0, "steering_offset_rad": 0.02}],
         },
     )
-    print(f"lateral error: RMS {1e3 * run.settled_rms_m:.1f} mm")
+    print(f"off the path: RMS {1e3 * run.settled_rms_m:.1f} mm")
     print(f"largest command: {abs(run.controller.sent_rad).max():.3f} rad")
     folder.mkdir(parents=True, exist_ok=True)
     run.save(folder / "first_loop")  # settings and tables: enough to repeat the run

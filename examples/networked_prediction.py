@@ -130,9 +130,9 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     axes = figure.subplots()
     for label, law in {"predictor": "predictor", "as published": LAW}.items():
         run = simulate("highway_nominal", "highway_packet", law=law, duration_s=8.0, overrides=case)
-        axes.plot(run.plant.time_s, run.plant.lateral_error_m, label=label)
+        axes.plot(run.plant.time_s, run.plant.cg_deviation_m, label=label)
         runs[label] = run
-    axes.set(xlabel="time [s]", ylabel="lateral error [m]")
+    axes.set(xlabel="time [s]", ylabel="car off the path [m]")
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "networked_prediction.png")

@@ -47,8 +47,8 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
         run = simulate(controller=law, duration_s=30.0, overrides=wind, engine="compiled")
         runs[law] = run
         label = f"{law}, RMS {1e3 * run.settled_rms_m:.2f} mm"
-        axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
-    axes.set(xlabel="time [s]", ylabel="lateral error [mm]", title="Gusts of side wind")
+        axes.plot(run.plant.time_s, 1e3 * run.plant.cg_deviation_m, label=label)
+    axes.set(xlabel="time [s]", ylabel="car off the path [mm]", title="Gusts of side wind")
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "own_disturbance.png")

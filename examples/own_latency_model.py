@@ -42,11 +42,11 @@ def main(folder: Path = Path("out/examples")) -> list[Run]:
         network = {"model": TWO_ROUTES, "mean_s": 0.02, "spread_s": 0.01, "order": order}
         run = simulate(duration_s=30.0, overrides={"plant.latency.downlink": network})
         label = f"{order}, RMS {1e3 * run.settled_rms_m:.1f} mm"
-        error.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
+        error.plot(run.plant.time_s, 1e3 * run.plant.cg_deviation_m, label=label)
         latency_ms = 1e3 * run.plant.downlink_latency_s
         latency.hist(latency_ms, bins=range(0, 200, 10), histtype="step", label=order)
         runs.append(run)
-    error.set(xlabel="time [s]", ylabel="lateral error [mm]")
+    error.set(xlabel="time [s]", ylabel="car off the path [mm]")
     latency.set(xlabel="latency of the command in effect [ms]", ylabel="samples")
     error.legend()
     folder.mkdir(parents=True, exist_ok=True)

@@ -70,6 +70,7 @@ LAW = Law(step, at_rest, design, settings=OwnTable, needs=("pd",), commands_read
 
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     network = {
+        "controller.followed_point": "preview",  # the own law knows no other point
         "plant.latency.downlink.mean_s": 0.08,
         "plant.disturbance.steps": [{"at_s": 10.0, "steering_offset_rad": 0.02}],
     }
@@ -81,7 +82,7 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
         run = simulate(controller="practical_pd", law=law, overrides=network)
         axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
         runs[label] = run
-    axes.set(xlabel="time [s]", ylabel="lateral error [mm]")
+    axes.set(xlabel="time [s]", ylabel="preview point off the path [mm]")
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "own_law.png")

@@ -58,11 +58,11 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     latency, error = figure.subplots(2, 1, sharex=True)
     for law, run in runs.items():
         label = f"{law}, RMS {1e3 * run.settled_rms_m:.1f} mm"
-        error.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
+        error.plot(run.plant.time_s, 1e3 * run.plant.cg_deviation_m, label=label)
     plant = runs[LAWS[0]].plant
     latency.plot(plant.time_s, 1e3 * plant.downlink_latency_s, ".", ms=2.0, label="commands")
     latency.set(ylabel="latency [ms]", title="Latency from a ping log")
-    error.set(xlabel="time [s]", ylabel="lateral error [mm]")
+    error.set(xlabel="time [s]", ylabel="car off the path [mm]")
     error.legend()
     figure.savefig(folder / "own_network_from_a_log.png")
     return runs

@@ -50,8 +50,8 @@ def main(folder: Path = Path("out/examples")) -> Run:
     above.plot(track.x_m, track.y_m, label="preview point")
     above.set(xlabel="x [m]", ylabel="y [m]", title="The slalom from above (y drawn larger than x)")
     above.legend()
-    error.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m)
-    error.set(xlabel="time [s]", ylabel="lateral error [mm]")
+    error.plot(run.plant.time_s, 1e3 * run.plant.cg_deviation_m)
+    error.set(xlabel="time [s]", ylabel="car off the path [mm]")
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "own_path.png")
     return run

@@ -72,9 +72,9 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
         runs[label] = run = simulate(
             controller="highway_pd", duration_s=10.0, overrides=road | vehicle
         )
-        axes.plot(run.plant.time_s, run.plant.lateral_error_m, label=label)
+        axes.plot(run.plant.time_s, run.plant.cg_deviation_m, label=label)
     axes.set(
-        xlabel="time [s]", ylabel="lateral error [m]", title="Lane change within 30 m at 40 km/h"
+        xlabel="time [s]", ylabel="car off the path [m]", title="Lane change within 30 m at 40 km/h"
     )
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)

@@ -171,9 +171,9 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
         run = simulate(
             "highway_nominal", "highway_packet", law=law, duration_s=8.0, overrides=SLOW_WHEEL
         )
-        axes.plot(run.plant.time_s, run.plant.lateral_error_m, label=label)
+        axes.plot(run.plant.time_s, run.plant.cg_deviation_m, label=label)
         runs[label] = run
-    axes.set(xlabel="time [s]", ylabel="lateral error [m]", ylim=(-1.5, 1.5))
+    axes.set(xlabel="time [s]", ylabel="car off the path [m]", ylim=(-1.5, 1.5))
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "packetised_mpc.png")

@@ -53,11 +53,11 @@ def main(folder: Path = Path("out/examples")) -> Mapping[str, Mapping[str, Any]]
             is_law = table["controller"] == law
             means_s = np.unique(table["mean_s"])
             rms_mm = [
-                1e3 * np.median(table["rms_m"][is_law & (table["mean_s"] == mean)])
+                1e3 * np.median(table["settled_rms_m"][is_law & (table["mean_s"] == mean)])
                 for mean in means_s
             ]
             axes.plot(1e3 * means_s, rms_mm, colour + style, marker="o", label=f"{law}, {order}")
-    axes.set(xlabel="mean latency of the commands [ms]", ylabel="RMS error, median [mm]")
+    axes.set(xlabel="mean latency of the commands [ms]", ylabel="RMS of the car, median [mm]")
     axes.set(yscale="log", title="Jitter of half the mean: frames overtaken, or kept in order")
     axes.legend()
     figure.savefig(folder / "two_studies_compared.png")

@@ -55,7 +55,7 @@ def design_law(settings: "LawSettings") -> LawDesign:
     design = _guarded(law, settings) if law.number is LawNumber.CUSTOM else _alone(law, settings)
     if settings.feed_forward is not None:
         design = _with_feed_forward(design, settings, settings.feed_forward.gain)
-    if settings.followed_point != "preview":
+    if settings.followed_point != "preview" and law.number is not LawNumber.CUSTOM:
         design = _with_followed_point(design, settings)
     return design
 

@@ -19,7 +19,7 @@ SPEED_M_S = 16.666666666666668
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1])
 def test_a_plan_asks_for_no_steer_that_the_steering_does_not_pass(delay_s: float) -> None:
-    """With this seed, a plan without the limit asks for twice that."""
+    """With this seed, a plan without the limit asks for half as much again."""
     plant = plant_preset(
         "highway_nominal",
         [
@@ -35,7 +35,7 @@ def test_a_plan_asks_for_no_steer_that_the_steering_does_not_pass(delay_s: float
     ]
     largest_rad = [abs(run.controller.sent_rad).max() for run in runs]
     assert largest_rad[0] < 0.0425  # 3 m/s² at 60 km/h
-    assert largest_rad[1] > 0.07
+    assert largest_rad[1] > 0.06
 
 
 def test_no_drawn_run_loses_its_lane(tmp_path: Path) -> None:

@@ -143,8 +143,8 @@ def test_at_the_mass_of_the_settings_measuring_it_changes_nothing() -> None:
 def test_a_heavy_vehicle_stays_nearer_to_its_lane() -> None:
     as_set = run_compiled(plant(5000.0), law(measures_mass=False))
     peaks_m = [float(np.abs(run.lateral_error_m).max()) for run in (as_set, driven(5000.0))]
-    assert 0.033 < peaks_m[0] < 0.040
-    assert 0.018 < peaks_m[1] < 0.028
+    assert 0.07 < peaks_m[0] < 0.09
+    assert peaks_m[1] < 0.75 * peaks_m[0]
 
 
 def test_lag_and_mass_are_measured_together() -> None:
