@@ -120,7 +120,12 @@ def driven(overrides: Sequence[str], law: Sequence[str] = ()) -> tuple[PlantNode
         ["path.kind=ellipse", "path.semi_major_axis_m=60", "path.semi_minor_axis_m=30", *overrides],
         duration_s=12.0,
     )
-    nodes = PlantNode(plant, 0), ControllerNode(controller_preset("practical_predictor", law), 0)
+    nodes = (
+        PlantNode(plant, 0),
+        ControllerNode(
+            controller_preset("practical_predictor", ("followed_point=preview", *law)), 0
+        ),
+    )
     run_virtual_nodes(*nodes, None, None, lambda: False)
     return nodes
 
@@ -143,7 +148,7 @@ def test_the_predictor_does_without_a_delay_that_is_counted_in_wrong_periods() -
 
 
 def test_laws_that_do_not_ask_for_the_period_are_not_reported() -> None:
-    node = ControllerNode(controller_preset("practical_pd"), 0)
+    node = ControllerNode(controller_preset("practical_pd", ("followed_point=preview",)), 0)
     assert node.report()["sensor_period"] is None
 
 

@@ -38,7 +38,7 @@ def test_with_feed_forward_every_law_stays_on_a_circle(law: str) -> None:
 
 def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() -> None:
     """Not so on the way here: in a loop of the test's own, on a circle, with and without."""
-    settings = preset("practical_pd_dob", FEED_FORWARD)
+    settings = preset("practical_pd_dob", ("followed_point=preview", *FEED_FORWARD))
     design, phi = design_law(settings), transition(5.0, 2000.0)
     curve = VehicleReading(5.0 / 3.6, 0.0, 0.02)
     assert settings.pd is not None
@@ -57,7 +57,10 @@ def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() 
 
 def test_the_feed_forward_is_outside_the_loop() -> None:
     for law in ("pd", "pd_dob", "pd_cdob", "pd_ddob", "smith"):
-        plain, fed = preset(f"practical_{law}"), preset(f"practical_{law}", FEED_FORWARD)
+        plain, fed = (
+            preset(f"practical_{law}", ("followed_point=preview", *more))
+            for more in ((), FEED_FORWARD)
+        )
         assert plain.model is not None
         loops = [SampledLoop(design_law(each), plain.model, PERIOD_NS) for each in (plain, fed)]
         decays = [loop.decay_1_s(180_000_000) for loop in loops]

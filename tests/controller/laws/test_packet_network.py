@@ -28,8 +28,10 @@ def test_a_plan_asks_for_no_steer_that_the_steering_does_not_pass(delay_s: float
             f"latency.downlink={{mean_s={delay_s}, loss=0.25, burst_frames=15}}",
         ],
     )
-    limited = controller_preset("highway_packet")
-    free = controller_preset("highway_packet", ["predictor.lateral_acceleration_m_s2_max=100"])
+    limited = controller_preset("highway_packet", ["followed_point=preview"])
+    free = controller_preset(
+        "highway_packet", ["followed_point=preview", "predictor.lateral_acceleration_m_s2_max=100"]
+    )
     runs = [
         simulate(plant, law, seed=8, duration_s=10.0, engine="compiled") for law in (limited, free)
     ]

@@ -78,7 +78,7 @@ def test_noise_that_meets_the_rate_limit_does_not_empty_the_integral() -> None:
         "derivative_gain_rad_s_m": 0.99,
         "derivative_filter_rad_s": 2.6,
     }
-    settings = controller_preset("practical_pid").model_copy(
+    settings = controller_preset("practical_pid", ("followed_point=preview",)).model_copy(
         update={"pd": PdSettings(**sharp), "pid": PidSettings(integral_gain_rad_m_s=13.4)}
     )
     run = simulate(
@@ -100,7 +100,9 @@ def test_it_reads_the_heading_error_only_where_that_has_a_gain() -> None:
     for gain in (None, 2.0):
         table = {"integral_gain_rad_m_s": K_I, "heading_gain_rad_rad": gain}
         design = design_law(
-            controller_preset("practical_pid").model_copy(update={"pid": PidSettings(**table)})
+            controller_preset("practical_pid", ("followed_point=preview",)).model_copy(
+                update={"pid": PidSettings(**table)}
+            )
         )
         assert design.looks_back is (gain is not None)
         _, output = design.step(design.params, design.initial_state(0.1), observed)
@@ -111,9 +113,11 @@ def test_it_reads_the_heading_error_only_where_that_has_a_gain() -> None:
 def test_with_a_heading_gain_a_compiled_run_equals_the_nodes() -> None:
     noise = ("sensor_noise.heading_error_rad=0.002", "sensor_noise.lateral_error_m=0.02")
     plant = plant_settings((*noise, "latency.downlink.mean_s=0.1", "latency.uplink.loss=0.1"), 4.0)
-    settings = controller_preset("practical_pid", ("pid.heading_gain_rad_rad=0.5",))
+    settings = controller_preset(
+        "practical_pid", ("followed_point=preview", "pid.heading_gain_rad_rad=0.5")
+    )
     run = assert_same_as_nodes(plant, settings)
-    without = run_compiled(plant, controller_preset("practical_pid"))
+    without = run_compiled(plant, controller_preset("practical_pid", ("followed_point=preview",)))
     assert not np.array_equal(run.lateral_error_m, without.lateral_error_m)
 
 

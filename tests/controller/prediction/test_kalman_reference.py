@@ -57,7 +57,12 @@ NOISES: dict[str, EstimatorSettings] = {
 
 
 def controller_settings(*overrides: str) -> ControllerSettings:
-    settings = ("law=predictor", "predictor.horizon_s_max=1.0", *overrides)
+    settings = (
+        "law=predictor",
+        "predictor.horizon_s_max=1.0",
+        "followed_point=preview",
+        *overrides,
+    )
     return controller_preset("practical_pd_ddob", settings)
 
 

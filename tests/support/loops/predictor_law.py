@@ -29,5 +29,10 @@ def history(
 
 
 def controller(*overrides: str) -> ControllerSettings:
-    settings = ("law=predictor", "predictor.horizon_s_max=1.0", *overrides)
+    settings = (
+        "law=predictor",
+        "predictor.horizon_s_max=1.0",
+        "followed_point=preview",
+        *overrides,
+    )
     return controller_preset("practical_pd_ddob", settings)

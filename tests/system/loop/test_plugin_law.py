@@ -40,7 +40,7 @@ def _examples(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def controller(law: str, *overrides: str) -> ControllerSettings:
-    return controller_preset("practical_pd", [f"law={law}", *overrides])
+    return controller_preset("practical_pd", ["followed_point=preview", f"law={law}", *overrides])
 
 
 def run_nodes(
