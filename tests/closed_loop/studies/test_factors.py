@@ -1,8 +1,7 @@
-"""Effort of the laws, settings on the page, and hints about distributions."""
+"""Settings on the page, and hints about distributions."""
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.reports.page import page
@@ -11,7 +10,6 @@ from steer_by_wire.closed_loop.studies.result_reader import Rows, StudyRecord, r
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.study.against_pd import comparison_section, three_digits
 from steer_by_wire.tools.study.report import study_section
 from tests.support.runs.small_study import make_scenarios, never
 
@@ -57,13 +55,6 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> StudyRecord:
 @pytest.fixture(scope="module")
 def rows(study: StudyRecord) -> Rows:
     return read_rows(study)
-
-
-def test_the_comparison_has_the_effort_of_all_runs(study: StudyRecord, rows: Rows) -> None:
-    (table,) = comparison_section(study, rows).tables
-    for place, line in enumerate(table.rows):
-        limited_share = np.median(rows.limited_share[rows.controller == place])
-        assert line[-1].text == three_digits(100.0 * float(limited_share))
 
 
 def test_the_page_folds_what_is_by_default(study: StudyRecord, rows: Rows) -> None:
