@@ -123,21 +123,6 @@ def test_a_complete_study_computes_nothing(whole: Store) -> None:
     assert computed == []
 
 
-def test_what_is_computed_is_stored_when_a_scenario_turns_out_bad(tmp_path: Path) -> None:
-    scenarios = make_scenarios(
-        tmp_path,
-        STUDY.replace(
-            'key = "plant.path"\nvalues = ["practical_ellipse", "straight"]',
-            'key = "plant.duration_s"\nvalues = [5.0, -5.0]',
-        ),
-    )
-    store = open_store(tmp_path, scenarios)
-    with pytest.raises(SettingsError, match=r"factor road: plant\.duration_s = -5\.0"):
-        run_missing(store, Backwards(scenarios), lambda _: None, never)
-    with pytest.raises(SettingsError, match=r"factor road: plant\.duration_s = -5\.0"):
-        scenarios.check()
-
-
 def test_another_study_is_not_mixed_in(whole: Store, tmp_path: Path) -> None:
     other = make_scenarios(tmp_path, STUDY.replace("seed = 11", "seed = 12"))
     with pytest.raises(SettingsError, match="holds the results of another study: sampling differ"):
