@@ -192,7 +192,6 @@ def draw_error_over_delay(
     axes.set(
         xlabel="mean delay [ms]",
         ylabel="RMS of the car once it has settled, worst [mm]",
-        ylim=(None, 1e3 * _TOP_M),
     )
     axes.set_title(f"Which delay each law tolerates: {found.conditions[0]}")
     figure.legend(loc="outside lower center", ncols=2)

@@ -31,7 +31,7 @@ from .axes import StudyAxes, study_axes
 from .fault_reactions import reaction_sections
 from .heat_maps import are_drawn, draw_rms, heat_maps, map_section
 from .law_by_delay import CURVES_MAX, draw_error_over_delay, law_by_delay, law_section
-from .worst_runs import worst_section
+from .worst_runs import worst_sections
 
 PAGE = "report.html"
 
@@ -50,7 +50,7 @@ def write(folder: Path) -> Path:
         *_laws(study, rows, axes),
         *_maps(study, rows, axes),
         comparison_section(study, rows),
-        worst_section(study, rows),
+        *worst_sections(study, rows),
     ]
     file = folder / PAGE
     held = np.count_nonzero(rows.verdict == HOLDS)

@@ -12,6 +12,8 @@ from ...closed_loop.studies.result_reader import VERDICTS, Rows, StudyRecord
 from ...plant_emulator.evaluation.run_verdict import Verdict
 
 COUNT = 10
+ALIKE = 1.1
+"""Largest over smallest error of runs that are alike."""
 
 
 def worst_rows(study: StudyRecord, rows: Rows) -> list[int]:
@@ -26,8 +28,16 @@ def worst_rows(study: StudyRecord, rows: Rows) -> list[int]:
     return chosen
 
 
-def worst_section(study: StudyRecord, rows: Rows) -> Section:
-    """Return the worst runs and the commands that repeat them."""
+def are_alike(rows: Rows) -> bool:
+    """Whether all runs hold with nearly the same error, so that none is worse than others."""
+    holds = bool(np.all(rows.verdict == VERDICTS.index(Verdict.HOLDS)))
+    return holds and float(np.max(rows.rms_m)) <= ALIKE * float(np.min(rows.rms_m))
+
+
+def worst_sections(study: StudyRecord, rows: Rows) -> list[Section]:
+    """Return the worst runs and the commands that repeat them; none if all are alike."""
+    if are_alike(rows):
+        return []
     lines = [
         (
             number(f"{rank}."),
@@ -41,14 +51,11 @@ def worst_section(study: StudyRecord, rows: Rows) -> Section:
         for rank, row in enumerate(worst_rows(study, rows), start=1)
     ]
     headings = ("", "Controller", "Conditions", "Verdict", "RMS [mm]", "Peak [mm]", "Again")
-    return Section(
-        "The worst runs",
-        (
-            "Runs that left the range of the sensor come first, then the largest RMS error; of "
-            "the replicates of one point only the worst.",
-        ),
-        tables=(Table(headings, lines),),
+    text = (
+        "Runs that left the range of the sensor come first, then the largest RMS error; of "
+        "the replicates of one point only the worst."
     )
+    return [Section("The worst runs", (text,), tables=(Table(headings, lines),))]
 
 
 def conditions(study: StudyRecord, rows: Rows, row: int) -> str:

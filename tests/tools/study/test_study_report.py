@@ -28,7 +28,7 @@ from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
 from steer_by_wire.tools.study.fault_reactions import reaction_sections
 from steer_by_wire.tools.study.heat_maps import are_drawn, heat_maps
 from steer_by_wire.tools.study.report import PAGE, write
-from steer_by_wire.tools.study.worst_runs import worst_rows
+from steer_by_wire.tools.study.worst_runs import worst_rows, worst_sections
 from tests.support.runs.small_study import CORNERS
 from tests.support.suite.unrendered import unrendered as unrendered
 
@@ -251,6 +251,18 @@ def test_the_worst_runs_are_the_largest_errors_of_different_points(study: StudyR
     assert len(found) == 10
     assert len({(rows.controller[row], rows.id[row] // 4) for row in found}) == 10
     assert rows.rms_m[found[0]] == np.nanmax(rows.rms_m)
+
+
+def test_runs_that_all_hold_alike_have_no_worst(study: StudyRecord) -> None:
+    rows = read_rows(study)
+    runs = np.arange(len(rows.id))
+    holds, cycle = map(VERDICTS.index, (Verdict.HOLDS, Verdict.LIMIT_CYCLE))
+    alike = rows._replace(verdict=0 * runs + holds, rms_m=0.01 + 0.0009 * (runs % 2))
+    assert worst_sections(study, alike) == []
+    for field, value in (("rms_m", 0.02), ("verdict", cycle)):
+        column = getattr(alike, field).copy()
+        column[0] = value
+        assert len(worst_sections(study, alike._replace(**{field: column}))) == 1
 
 
 def test_one_jitter_makes_no_heat_map(results: Path) -> None:
