@@ -122,9 +122,7 @@ def driven(overrides: Sequence[str], law: Sequence[str] = ()) -> tuple[PlantNode
     )
     nodes = (
         PlantNode(plant, 0),
-        ControllerNode(
-            controller_preset("practical_predictor", ("followed_point=preview", *law)), 0
-        ),
+        ControllerNode(controller_preset("practical_predictor", law), 0),
     )
     run_virtual_nodes(*nodes, None, None, lambda: False)
     return nodes

@@ -30,7 +30,9 @@ def test_the_feed_forward_is_the_rig_s_steady_state(speed_m_s: float) -> None:
 
 @pytest.mark.parametrize("law", ["pd_ddob", "smith"])  # each has its own observers
 def test_with_feed_forward_every_law_stays_on_a_circle(law: str) -> None:
-    last = on_a_circle(f"practical_{law}", FEED_FORWARD, "latency.downlink.mean_s=0.2")
+    last = on_a_circle(
+        f"practical_{law}", ("followed_point=preview", *FEED_FORWARD), "latency.downlink.mean_s=0.2"
+    )
     assert abs(last.lateral_error_m) < 2e-4
     assert abs(last.law_output.disturbance_rad) < 2e-4
     assert last.sent_steer_rad == pytest.approx(2.8461 / 30.0, rel=0.01)
