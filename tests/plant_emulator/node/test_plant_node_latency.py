@@ -1,7 +1,6 @@
 """Latency on the side of the plant node, changed while it runs; and what the seed decides."""
 
 import math
-from typing import Any
 
 import pytest
 
@@ -16,10 +15,8 @@ from steer_by_wire.dbc.messages import (
 from tests.support.frames.made_messages import latency_of
 from tests.support.nodes.plant_link import (
     MS_NS,
-    NORMAL,
     PERIOD_NS,
     START_NS,
-    Link,
     link,
     seen,
     steered,
@@ -87,18 +84,9 @@ def test_every_model_of_the_wire_can_be_asked_for(model: LatencyModel) -> None:
 # Randomness
 
 
-def a_rough_run(seed: int, **tables: Any) -> Link:
-    rough = {**NORMAL, "loss": 0.1, "duplicates": 0.1}
-    return steered(80, seed, latency={"downlink": rough, "uplink": rough}, **tables)
-
-
 def test_sensor_noise_is_seeded_and_only_the_sensors_have_it() -> None:
     noise = {"lateral_error_m": 0.01, "yaw_rate_rad_s": 0.02}
-    quiet, noisy, again = (
-        steered(300),
-        steered(300, sensor_noise=noise),
-        steered(300, sensor_noise=noise),
-    )
+    quiet, noisy, again = (steered(300, sensor_noise=given) for given in ({}, noise, noise))
     assert noisy.frames == again.frames
     assert noisy.node.samples == quiet.node.samples
     for message_type, field, deviation in ((LateralError, 0, 0.01), (VehicleState, 1, 0.02)):
