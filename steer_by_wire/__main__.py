@@ -2,7 +2,10 @@
 
 import sys
 
-from steer_by_wire.command import main
+try:
+    from steer_by_wire.command import main
+except KeyboardInterrupt:
+    sys.exit(130)
 
 if __name__ == "__main__":
     sys.exit(main())

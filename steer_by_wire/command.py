@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 NAME = "steer-by-wire"
 SHELLS = ("bash", "zsh", "fish")
-STATUS_USAGE = 2
+STATUS_USAGE, STATUS_INTERRUPTED = 2, 130
 
 
 class Program(NamedTuple):
@@ -111,8 +111,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def start(name: str, words: Sequence[str]) -> int:
     """Import a program and run it; a missing library is reported in one line."""
-    from .runtime.command_line import start_program
-
+    try:
+        from .runtime.command_line import start_program
+    except KeyboardInterrupt:
+        return STATUS_INTERRUPTED
     program = PROGRAMS[name]
     module = f"{__package__}.{program.module}"
     return start_program(module, words, f"{NAME} {name}", program.main)
