@@ -1,4 +1,4 @@
-"""Design-time analysis of the loop, for ``--check`` and the tools: delays that it tolerates.
+"""Design-time analysis of the loop, for ``--check`` and the tools: delays and jitter it tolerates.
 
 Not here: anything that a running node imports. Begin with ``check_figures``.
 """

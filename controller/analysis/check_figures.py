@@ -12,6 +12,7 @@ delays                 of a law that looks back or a loop of two rates: sensitiv
                        some constant delays
 stable_delays          the constant delays at which the loop is stable: ``margin_s`` (null:
                        beyond the search), ``intervals_s``, ``searched_s``
+jitter                 for some mean latencies, the standard deviations that are tolerated
 delay_max_s            of [validity]; null without
 corners                of [validity]: each vehicle, the delay up to which it is judged and its
                        ``stable_delays``; empty without [validity]
@@ -32,6 +33,7 @@ from ..filters.transfer_function import TransferFunction
 from ..law_interface import LookingBack
 from ..laws.law_from_settings import LawDesign, design_law, vehicle_of
 from ..settings import ControllerSettings
+from . import jitter
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
 from .loop_signals import LoopModel
@@ -183,7 +185,13 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
         "margins": loop.margins(0)._asdict() if decay_1_s > SLOWEST_DECAY_1_S else None,
     }
     progress("stable delays")
-    return figures | {"stable_delays": _delays(stable_delays(loop)), "fallback": None}
+    stable = stable_delays(loop)
+    means_ms = jitter.MEANS_MS if stable else ()
+    return figures | {
+        "stable_delays": _delays(stable),
+        "jitter": [_jitter(loop, mean_ms, progress) for mean_ms in means_ms],
+        "fallback": None,
+    }
 
 
 def _two_rates(settings: ControllerSettings) -> LookingBack:
@@ -272,3 +280,15 @@ def _delays(stable: tuple[Interval, ...], limit_ns: int = DELAY_NS_MAX) -> Figur
         "intervals_s": [[first / NS_PER_S, last / NS_PER_S] for first, last in stable],
         "searched_s": limit_ns / NS_PER_S,
     }
+
+
+def _jitter(loop: SampledLoop, mean_ms: int, progress: Progress) -> Figures:
+    progress(f"jitter at a mean of {mean_ms} ms")
+    not_analysed, spreads_s = "", list[list[float]]()
+    try:
+        spreads = jitter.stable_spreads(loop, mean_ms * NS_PER_MS, jitter.LOSS)
+        spreads_s = [[first / NS_PER_S, last / NS_PER_S] for first, last in spreads]
+    except jitter.JitterTooLargeError:
+        not_analysed = "too many commands on their way at this rate to be analysed"
+    found = {"mean_s": 1e-3 * mean_ms, "loss": jitter.LOSS, "not_analysed": not_analysed}
+    return found | {"spreads_s": spreads_s}

@@ -78,6 +78,13 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
     yield ""
     yield "Constant delay between command and wheel angle:"
     yield from _delays(figures["stable_delays"])
+    if figures["jitter"]:
+        yield ""
+        yield (
+            "A new latency for each command (gamma, newest wins,"
+            f" {100.0 * figures['jitter'][0]['loss']:g} % lost), standard deviation:"
+        )
+        yield from _jitter(figures["jitter"])
     yield from _corners(figures["corners"])
 
 
@@ -167,11 +174,7 @@ def _delays(delays: Figures) -> Iterator[str]:
         f"{in_ms(first, math.ceil)} to {in_ms(last, math.floor)} ms"
         for first, last in delays["intervals_s"]
     ]
-    heading = "  stable at     "
-    for start in range(0, max(len(ranges), 1), _RANGES_PER_LINE):
-        line = ", ".join(ranges[start : start + _RANGES_PER_LINE]) or "no delay"
-        more = "," if start + _RANGES_PER_LINE < len(ranges) else ""
-        yield f"{heading if start == 0 else ' ' * len(heading)}{line}{more}"
+    yield from _wrapped("  stable at     ", ranges or ["no delay"])
     yield f"                (searched from 0 to {limit_ms} ms)"
 
 
@@ -183,3 +186,25 @@ def _margin(delays: Figures) -> str:
             return "none"
         case margin_s:
             return f"{in_ms(margin_s, math.floor)} ms"
+
+
+def _jitter(means: Sequence[Figures]) -> Iterator[str]:
+    for at in means:
+        heading = f"  mean {_PER_MS * at['mean_s']:>3.0f} ms   "
+        if at["not_analysed"]:
+            yield f"{heading}{at['not_analysed']}"
+            continue
+        ranges = [
+            f"{math.ceil(round(_PER_MS * first, 6))} to {math.floor(round(_PER_MS * last, 6))} ms"
+            for first, last in at["spreads_s"]
+        ]
+        yield from _wrapped(heading, ranges or ["no standard deviation"])
+    yield "                (mean-square stability, searched from 0 to the mean)"
+
+
+def _wrapped(heading: str, ranges: Sequence[str]) -> Iterator[str]:
+    """Return ranges in lines of a few each, the first line behind a heading."""
+    for start in range(0, len(ranges), _RANGES_PER_LINE):
+        line = ", ".join(ranges[start : start + _RANGES_PER_LINE])
+        more = "," if start + _RANGES_PER_LINE < len(ranges) else ""
+        yield f"{heading if start == 0 else ' ' * len(heading)}{line}{more}"

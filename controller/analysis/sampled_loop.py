@@ -5,7 +5,7 @@ command acts after the delay and is held until the next one acts. The loop is th
 discrete system; limits, quantisation and jitter are neglected. A latency of measurements adds to
 the delay, rounded up to a whole number of periods.
 
-``stable_delays`` finds the delays at which the loop is stable; varying ones are for simulation.
+``stable_delays`` finds the delays at which the loop is stable; ``jitter`` treats varying delays.
 """
 
 import math

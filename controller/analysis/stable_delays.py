@@ -49,14 +49,14 @@ def stable_delays(loop: SampledLoop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[
 
 
 def stable_intervals(
-    judged: dict[int, bool], is_stable: Callable[[int], bool]
+    judged: dict[int, bool], is_stable: Callable[[int], bool], resolution_ns: int = RESOLUTION_NS
 ) -> tuple[Interval, ...]:
     """Return the stable stretches of delays [ns], from the verdicts on some of them.
 
     Between two with different verdicts the boundary is bisected; ``judged`` gets those verdicts.
     """
     for (low_ns, was_stable), (high_ns, becomes_stable) in pairwise(sorted(judged.items())):
-        while was_stable != becomes_stable and high_ns - low_ns > RESOLUTION_NS:
+        while was_stable != becomes_stable and high_ns - low_ns > resolution_ns:
             middle_ns = (low_ns + high_ns) // 2
             judged[middle_ns] = is_stable(middle_ns)
             if judged[middle_ns] == was_stable:

@@ -43,6 +43,8 @@ def test_a_gain_that_decides_anew_on_a_held_measurement_is_the_loop_of_the_senso
 
 
 HEADING = "pid.heading_gain_rad_rad=0.5"
+PREVIEW = "followed_point=preview"
+"""A set point reads more than the lateral error: the analysis leaves it out."""
 
 
 @pytest.mark.parametrize(
@@ -58,7 +60,7 @@ HEADING = "pid.heading_gain_rad_rad=0.5"
 def test_with_a_measurement_at_every_tick_it_is_the_loop_of_one_rate(
     preset: str, overrides: tuple[str, ...]
 ) -> None:
-    settings = controller_preset(preset, overrides)
+    settings = controller_preset(preset, (PREVIEW, *overrides))
     assert settings.model is not None
     design, vehicle = design_law(settings), vehicle_of(settings).vehicle
     for sensor_ms in (10, 5):
@@ -70,11 +72,14 @@ def test_with_a_measurement_at_every_tick_it_is_the_loop_of_one_rate(
 
 
 def test_a_heading_gain_is_analysed_at_both_rates_and_only_where_the_model_has_a_heading() -> None:
-    settings = controller_preset("practical_pid", (HEADING,))
+    settings = controller_preset("practical_pid", (PREVIEW, HEADING))
     vehicle = vehicle_of(settings).vehicle
     at_once, twice = (
         stable_delays_of(loop_around(each, vehicle, {}), 450 * MS)
-        for each in (settings, controller_preset("practical_pid", (HEADING, "rate_hz=200")))
+        for each in (
+            settings,
+            controller_preset("practical_pid", (PREVIEW, HEADING, "rate_hz=200")),
+        )
     )
     # Every second tick decides on the same measurement again.
     assert twice[0].last_ns == pytest.approx(at_once[0].last_ns, abs=1 * MS)
@@ -86,11 +91,12 @@ def test_a_heading_gain_is_analysed_at_both_rates_and_only_where_the_model_has_a
 
 
 def test_a_controller_faster_than_its_sensors_reads_that_both_rates_are_analysed() -> None:
-    settings = controller_preset("practical_pd", ["rate_hz=200"])
+    settings = controller_preset("practical_pd", [PREVIEW, "rate_hz=200"])
     found = check_figures.check_figures(settings, lambda _what: None)
     text = check_text(settings, found)
     assert "Control every 5 ms, measurements every 10 ms (link.sensor_period_ms):" in text
     assert "analysed at both rates" in text
+    assert "jitter" not in text
     assert settings.model is not None
     one_rate = stable_delays(SampledLoop(design_law(settings), settings.model, 5 * MS))
     # A measurement is 2.5 ms old on average.

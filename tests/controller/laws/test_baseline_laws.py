@@ -18,6 +18,7 @@ from steer_by_wire.runtime.settings import SettingsError, read_preset
 from tests.support.loops.baseline_runs import FEED_FORWARD, run_nodes, vehicle_of
 from tests.support.runs.compiled_runs import NETWORKS, assert_same_as_nodes
 from tests.support.runs.compiled_runs import plant_settings as rig
+from tests.support.suite.no_jitter import no_jitter as no_jitter
 
 PERIOD_NS, PERIOD_S = 10_000_000, 0.01
 ELLIPSE = ('path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}',)
@@ -101,6 +102,7 @@ def test_the_predictor_takes_no_feed_forward() -> None:
         preset("practical_pd_ddob", overrides)
 
 
+@pytest.mark.usefixtures("no_jitter")
 def test_the_check_says_what_can_be_said_of_each() -> None:
     assert "stable at     0.00 to " in check_text(preset("practical_smith"))
     fed = preset("practical_pd", (*FEED_FORWARD, "rate_hz=50"))

@@ -19,6 +19,7 @@ from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParam
 from steer_by_wire.runtime.settings import SettingsError, preset_names
 from tests.support.loops.baseline_runs import vehicle_of
 from tests.support.runs.compiled_runs import plant_settings as rig
+from tests.support.suite.no_jitter import no_jitter as no_jitter
 
 CG = "followed_point=centre_of_gravity"
 ELLIPSE = 'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}'
@@ -104,6 +105,7 @@ def test_the_set_point_of_an_old_curve_fades_out() -> None:
     assert np.abs(np.diff(steers)).max() < 0.01
 
 
+@pytest.mark.usefixtures("no_jitter")
 def test_it_is_outside_the_loop() -> None:
     plain, reported = (check_text(preset("practical_pd", each)) for each in ((), (CG,)))
     assert "The set point of the followed point is outside the loop" in reported

@@ -36,6 +36,7 @@ from steer_by_wire.runtime.settings import SettingsError, load_settings, read_pr
 from tests.support.frames.made_messages import error_of, message_with, motion_of
 from tests.support.nodes.controller_link import Link
 from tests.support.runs.unguarded import UNGUARDED
+from tests.support.suite.no_jitter import no_jitter as no_jitter
 
 WALKING = ValiditySettings(
     speed_m_s=(1.0, 2.0), virtual_mass_kg=(1600.0, 5000.0), delay_ms_max=250.0
@@ -173,6 +174,7 @@ def test_far_too_fast_the_lower_demand_keeps_what_the_full_one_loses(name: str) 
     assert full_m > 5.0 * less_m
 
 
+@pytest.mark.usefixtures("no_jitter")
 def test_the_check_finds_the_corner_that_the_nominal_vehicle_hides() -> None:
     settings = preset("practical_pd_ddob", "validity.speed_m_s=[1, 3.5]")
     figures = check_figures(settings, lambda _what: None)
@@ -189,6 +191,7 @@ def test_the_check_finds_the_corner_that_the_nominal_vehicle_hides() -> None:
     assert all(one["stable_delays"]["margin_s"] is None for one in as_shipped["corners"])
 
 
+@pytest.mark.usefixtures("no_jitter")
 def test_declared_delays_without_a_box_are_those_of_the_nominal_vehicle() -> None:
     """The verdict counts all delays from 0 to the declared one, and none beyond the search."""
 

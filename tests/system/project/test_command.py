@@ -19,6 +19,7 @@ from steer_by_wire import command
 from steer_by_wire.command import PROGRAMS, main
 from steer_by_wire.runtime.command_line import DISTRIBUTION, installation
 from tests.support.programs.running_program import PATIENCE_S
+from tests.support.suite.no_jitter import no_jitter as no_jitter
 from tests.support.suite.unrendered import unrendered as unrendered
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -79,7 +80,7 @@ def test_the_help_of_a_program_is_one_screen_that_ends_with_examples(
         assert end.value.code == 0
 
 
-@pytest.mark.usefixtures("unrendered")
+@pytest.mark.usefixtures("unrendered", "no_jitter")
 @pytest.mark.parametrize("name", CHEAP)
 def test_an_example_works_as_it_is_printed(
     name: str, help_of: Help, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

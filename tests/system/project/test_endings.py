@@ -16,6 +16,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.tools.analyze.__main__ import main as analyze_main
 from steer_by_wire.tools.run.__main__ import main as run_main
 from tests.support.programs.running_program import ORDINARY, UNSUPERVISED
+from tests.support.suite.no_jitter import no_jitter as no_jitter
 from tests.support.suite.unrendered import unrendered as unrendered
 
 pytestmark = pytest.mark.usefixtures("unrendered")
@@ -108,6 +109,7 @@ def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys:
     assert verdict.startswith("safe state: controller: ")
 
 
+@pytest.mark.usefixtures("no_jitter")
 @pytest.mark.parametrize(
     ("setting", "verdict", "status"),
     [

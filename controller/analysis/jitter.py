@@ -1,0 +1,239 @@
+"""Stability of the sampled loop with a new random latency for every command.
+
+Each command has its own latency, independent of all others, or is lost. The newest command that has
+arrived is held, and overtaken ones are dropped. The age of the held command is then a Markov chain,
+and the loop a jump-linear system, as in Jitterbug (Lincoln and Cervin 2002):
+
+    x[k+1] = A_i x[k]        x = (plant, law, u[k-1], ..., u[k-n])        while u[k-i] is held
+
+    X_i = E[x xᵀ 1{i}]       X_j[k+1] = Σ_i P(i → j) A_j X_i[k] A_jᵀ
+
+The second moments decay, the loop is *stable in the mean square*, if and only if the spectral
+radius λ of that recursion is below 1; -ln λ/(2T) is the rate at which the root mean square decays.
+With a latency that does not vary it is ``SampledLoop.decay_1_s``. Stability in the mean square is
+stronger than stability of almost every run: rare runs that grow for long enough can make the mean
+square unbounded although every single run decays. The converse cannot happen.
+
+``arrivals`` defines when commands arrive, in whole periods. Commands are followed up to the age
+that is exceeded with a probability below AGE_PROBABILITY_MIN; if it is exceeded, the next command
+is held without an arrival.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from ...runtime.array_types import FloatArray
+from ...runtime.node import NS_PER_S
+from ..matrices import zero_order_hold
+from .arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf, hazards_by_age
+from .linear_system import companion_form, heading_row, without_idle_states
+from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from .stable_delays import Interval, stable_intervals
+
+MOMENTS_MAX = 250_000
+"""Largest size of all second moments together, for an analysis within a few seconds."""
+MEANS_MS = (80, 160)
+"""Mean latencies for which ``check`` finds the jitter that the loop tolerates."""
+LOSS = 0.01
+SPREAD_PARTS = 4
+SPREAD_RESOLUTION_NS = 1_000_000
+_SETTLING_S = 1.5
+_STRIDE_S = 0.2
+_SMALLEST_UNIT = 1e-9
+_TOLERANCE = 1e-5
+_SIGN_TOLERANCE = 0.3
+_AGREEING = 4
+_KRYLOV_VECTORS = 60
+_INVARIANT = 1e-12
+_SMALLEST = 1e-300
+
+
+class JitterTooLargeError(ValueError):
+    """The second moments are too many to be analysed."""
+
+
+def mean_square_decay_1_s(loop: SampledLoop, when: Arrivals) -> float:
+    """Return the decay rate of the root mean square of the loop's state [1/s]; negative: it grows.
+
+    To about 1e-4, and 1 % where modes of equal rate belong together. Raises JitterTooLargeError
+    where commands on their way are too many, ValueError where none ever arrives.
+    """
+    return _MomentRecursion(loop, when).decay_1_s(_TOLERANCE, 10.0 * _TOLERANCE)
+
+
+def stable_spreads(loop: SampledLoop, mean_ns: int, loss: float = 0.0) -> tuple[Interval, ...]:
+    """Return the standard deviations from 0 to the mean at which the mean square decays, ascending.
+
+    The latency has a gamma distribution. Tested every SPREAD_PARTS-th of the mean, boundaries
+    bisected to SPREAD_RESOLUTION_NS; what begins and ends between two tests is missed. Jitter can
+    help as well as harm: the commands that overtake make the loop's age smaller than the mean
+    latency. Raises as ``mean_square_decay_1_s``.
+    """
+
+    def recursion(spread_ns: int) -> _MomentRecursion:
+        mean_s = mean_ns / NS_PER_S
+        cdf = gamma_cdf(mean_s, spread_ns / NS_PER_S) if spread_ns else constant_cdf(mean_s)
+        return _MomentRecursion(loop, arrivals(cdf, loop.period_ns, loss))
+
+    tested = [mean_ns * part // SPREAD_PARTS for part in range(SPREAD_PARTS + 1)]
+    recursions = [recursion(spread_ns) for spread_ns in tested]  # all of them, before any is used
+    judged = {
+        spread_ns: each.is_stable() for spread_ns, each in zip(tested, recursions, strict=True)
+    }
+    return stable_intervals(
+        judged, lambda spread_ns: recursion(spread_ns).is_stable(), SPREAD_RESOLUTION_NS
+    )
+
+
+class _MomentRecursion:
+    """X ↦ Σ_i P(i → j) A_j X_i A_jᵀ over one control period, as a linear operator.
+
+    A mode is the age in periods of the command that is held, from the youngest that ever arrives to
+    the oldest followed. The state is plant, law, and the commands of the ages 0 to the oldest.
+    """
+
+    def __init__(self, loop: SampledLoop, when: Arrivals) -> None:
+        hazards, oldest = hazards_by_age(when)
+        youngest = int(np.argmax(hazards > 0.0))
+        law, (a, b, c) = without_idle_states(loop.law), companion_form(loop.model)
+        plant_end, law_end = len(b), len(b) + len(law.b)
+        order, modes = law_end + oldest + 1, oldest + 1 - youngest
+        if modes * order**2 > MOMENTS_MAX:
+            raise JitterTooLargeError(
+                f"{modes} ages of the command held times {order}² moments are more than"
+                f" {MOMENTS_MAX}: take a lower rate, a shorter latency or a smaller spread"
+            )
+        self._shape = (modes, order, order)
+        self._plant_end = plant_end
+        self._period_s = loop.period_ns / NS_PER_S
+        self._transition, self._hold = zero_order_hold(a, b, self._period_s)
+        self._held_rows = law_end + youngest + np.arange(modes)
+        self._law = np.zeros((law_end + 1 - plant_end, law_end))  # its next state and command
+        self._law[:-1, :plant_end] = np.outer(law.b, c)
+        self._law[:-1, plant_end:] = law.a
+        self._law[-1] = np.concatenate([law.d * c, law.c])
+        if law.heading is not None:
+            read = np.append(law.heading.b, law.heading.d)
+            self._law[:, :plant_end] += np.outer(read, heading_row(loop.model))
+        self._chosen, self._kept = newest_arrivals(hazards[youngest:])
+
+    def is_stable(self) -> bool:
+        """Whether the moments decay; far from zero the rate need not be accurate for that."""
+        return self.decay_1_s(_TOLERANCE, _SIGN_TOLERANCE) > SLOWEST_DECAY_1_S
+
+    def decay_1_s(self, tolerance_1_s: float, relative_tolerance: float) -> float:
+        """Return -ln λ/(2T) of the largest eigenvalue λ.
+
+        The map keeps moments positive semidefinite, so its spectral radius is an eigenvalue, and
+        none has a larger real part. Arnoldi's method finds it. One of its steps is a stride of many
+        periods, which separates the slow modes. It starts from, and is scaled by, what is left of
+        any initial moments after _SETTLING_S: the modes of an observer are far from orthogonal, and
+        otherwise the method would mistake a combination of fast ones for convergence.
+        """
+        periods = math.ceil(_STRIDE_S / self._period_s)
+        x = np.broadcast_to(np.eye(self._shape[1]), self._shape).reshape(-1)
+        for _ in range(math.ceil(_SETTLING_S / _STRIDE_S)):
+            x = self._over(periods, x)
+            largest = np.abs(x).max()
+            if largest == 0.0:
+                return math.inf  # dead beat: nothing is left after a few periods
+            x /= largest
+        unit = np.sqrt(np.einsum("mii->i", x.reshape(self._shape)))
+        unit = np.maximum(unit, _SMALLEST_UNIT * unit.max())
+        units = np.broadcast_to(np.outer(unit, unit), self._shape).reshape(-1)
+
+        def stride(scaled: FloatArray) -> FloatArray:
+            return np.asarray(self._over(periods, scaled * units) / units)
+
+        rates = []
+        for eigenvalue in _arnoldi(stride, x / units):
+            rates.append(-0.5 * math.log(max(eigenvalue, _SMALLEST)) / (periods * self._period_s))
+            last = rates[-_AGREEING:]
+            if len(last) == _AGREEING and np.ptp(last) <= tolerance_1_s + relative_tolerance * abs(
+                last[0]
+            ):
+                break
+        return float(rates[-1])
+
+    def _over(self, periods: int, moments: FloatArray) -> FloatArray:
+        x, spare = moments.reshape(self._shape).copy(), np.empty(self._shape)
+        for _ in range(periods):
+            _redistribute(x, self._chosen, self._kept)
+            self._move(x)
+            self._decide(x, spare)
+            x, spare = spare, x
+        return x.reshape(-1)
+
+    def _move(self, x: FloatArray) -> None:
+        """Move the plant by one period, each mode with the command that it holds."""
+        end, each = self._plant_end, np.arange(len(x))
+        held = x[each, self._held_rows][:, None, :]
+        x[:, :end] = self._transition @ x[:, :end] + self._hold[:, None] * held
+        held = x[each, :, self._held_rows][:, :, None]
+        x[:, :, :end] = x[:, :, :end] @ self._transition.T + held * self._hold
+
+    def _decide(self, x: FloatArray, after: FloatArray) -> None:
+        """Fill ``after`` with the moments after the decision: all commands are a period older."""
+        if len(x) > 1:
+            after[0] = 0.0
+            x[-2] += x[-1]  # the oldest command held stays in the oldest mode
+            x, after = x[:-1], after[1:]
+        plant, law_end = slice(self._plant_end), self._law.shape[1]
+        law, known = slice(self._plant_end, law_end + 1), slice(law_end)
+        on_their_way = slice(law_end, -1)
+        aged = slice(law_end + 1, None)
+        rows, columns = self._law @ x[:, known, :], x[:, :, known] @ self._law.T
+        after[:, plant, plant] = x[:, plant, plant]
+        after[:, aged, aged] = x[:, on_their_way, on_their_way]
+        after[:, plant, aged] = x[:, plant, on_their_way]
+        after[:, aged, plant] = x[:, on_their_way, plant]
+        after[:, law, plant] = rows[:, :, plant]
+        after[:, law, aged] = rows[:, :, on_their_way]
+        after[:, law, law] = rows[:, :, known] @ self._law.T
+        after[:, plant, law] = columns[:, plant]
+        after[:, aged, law] = columns[:, on_their_way]
+
+
+def _arnoldi(operator: Callable[[FloatArray], FloatArray], start: FloatArray) -> Iterator[float]:
+    """Return the largest real part of the Ritz values, for Krylov spaces of 1, 2, ... dimensions.
+
+    Products over all moments are left to einsum: numpy would give them to several threads, which
+    takes far longer where processors are shared.
+    """
+    basis = np.zeros((_KRYLOV_VECTORS + 1, len(start)))
+    basis[0] = start / math.sqrt(float(np.einsum("i,i", start, start)))
+    hessenberg = np.zeros((_KRYLOV_VECTORS + 1, _KRYLOV_VECTORS))
+    for last in range(_KRYLOV_VECTORS):
+        image = operator(basis[last])
+        known = basis[: last + 1]
+        for _ in range(2):  # the second time takes off what rounding left of the first
+            shares = np.einsum("vi,i->v", known, image)
+            image = image - np.einsum("vi,v->i", known, shares)
+            hessenberg[: last + 1, last] += shares
+        yield float(np.linalg.eigvals(hessenberg[: last + 1, : last + 1]).real.max())
+        length = math.sqrt(float(np.einsum("i,i", image, image)))
+        if length <= _INVARIANT * abs(hessenberg[last, last]):
+            return
+        hessenberg[last + 1, last] = length
+        basis[last + 1] = image / length
+
+
+def _redistribute(x: FloatArray, chosen: FloatArray, kept: FloatArray) -> None:
+    """Let commands arrive: x_j becomes kept_j x_j + chosen_j Σ_{i > j} x_i."""
+    behind, share = np.zeros_like(x[0]), np.empty_like(x[0])
+    for place in range(len(x) - 1, -1, -1):
+        np.multiply(chosen[place], behind, out=share)
+        behind += x[place]
+        x[place] *= kept[place]
+        x[place] += share
+
+
+def newest_arrivals(hazards: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return for each mode P(it is the youngest that arrives now) and P(none younger arrives now).
+
+    i → j < i has the probability of the first of j, whatever i; i → i that of the second of i.
+    """
+    none_younger = np.concatenate([[1.0], np.cumprod(1.0 - hazards)])[:-1]
+    return hazards * none_younger, none_younger
