@@ -107,14 +107,6 @@ def test_the_derivative_filter_is_a_gain_of_both_terms_at_high_frequency(period_
     np.testing.assert_allclose(respond((section,), z), [1.0, 1.0 + 0.5 * 20.0], rtol=1e-12)
 
 
-def test_the_ideal_derivative_is_the_backward_difference() -> None:
-    assert design_pd(PdSettings(**PD), PERIOD_S).compensator == (
-        1.0596 + 0.939 / PERIOD_S,
-        -0.939 / PERIOD_S,
-        *(0.0, 0.0, 0.0),
-    )
-
-
 @pytest.mark.parametrize(
     ("tables", "message"),
     [

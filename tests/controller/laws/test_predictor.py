@@ -14,7 +14,6 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
     EstimatorSettings,
     Feedback,
     design_schedule,
-    sampled_vehicles,
     together,
 )
 from steer_by_wire.controller.prediction.prediction import predict, steer_for
@@ -177,14 +176,6 @@ def test_beyond_the_speeds_of_the_settings_the_weight_falls_with_the_square_of_t
     beyond = settings.model_copy(update={"speed_m_s_min": last, "speed_m_s_max": 2.0 * last})
     expected = design_schedule(beyond, VEHICLE, 0.01, 0.01, Feedback(weight, 0.0, last)).gains[0]
     np.testing.assert_allclose(numbers(schedule.gains[-1]), numbers(expected), rtol=1e-6)
-
-
-def test_the_sampled_model_over_two_periods_is_that_of_one_twice() -> None:
-    settings = EstimatorSettings(actuator_lag_s=0.1)
-    once = sampled_vehicles(settings, VEHICLE, [1.39], 0.01)
-    twice = sampled_vehicles(settings, VEHICLE, [1.39], 0.02)
-    np.testing.assert_allclose(twice.f[0], once.f[0] @ once.f[0], atol=1e-15)
-    np.testing.assert_allclose(twice.g[0], once.f[0] @ once.g[0] + once.g[0], atol=1e-15)
 
 
 # Which command acts from a sample to the next

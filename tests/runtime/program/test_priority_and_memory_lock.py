@@ -141,15 +141,6 @@ def test_the_program_is_an_ordinary_one_again_however_the_block_ends(
     assert gc.isenabled()
 
 
-@pytest.mark.usefixtures("linux")
-def test_garbage_is_collected_before_the_block_and_not_inside() -> None:
-    with real_time(RealTimeRequest()):
-        assert not gc.isenabled()
-        assert gc.get_freeze_count() > 0
-    assert gc.isenabled()
-    assert gc.get_freeze_count() == 0
-
-
 @pytest.mark.parametrize("cpu", [-1, 10**6, 10**30])
 def test_a_processor_that_does_not_exist_is_refused_by_the_real_host(cpu: int) -> None:
     with real_time(RealTimeRequest(cpu=cpu)) as answers:
