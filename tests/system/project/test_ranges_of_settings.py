@@ -11,6 +11,7 @@ from steer_by_wire.runtime.settings.mistakes import Schema, schema_of
 MODELS = (BusSettings, ControllerSettings, PlantSettings)
 UNBOUNDED = {
     "FaultSettings.magnitude": "its range depends on the kind, see MAGNITUDES",
+    "SpeedPoint.speed_m_s": "a speed below 0 is refused in a line of its own",
     "SupervisionSettings.ramp_rad_s": "any faster ramp is at zero within a period",
 }
 LOWER, UPPER = ("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")
