@@ -1,8 +1,11 @@
 """A run of both nodes in virtual time, within the process."""
 
+import importlib
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import Any
 
 from ...closed_loop.lockstep.node import LockstepNode, controller_in, controller_node
 from ...closed_loop.pair.virtual_bus import SharedBus, virtual_bus
@@ -19,10 +22,9 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.exit_status import BusError
-from ...runtime.node import NEVER_NS
+from ...runtime.node import NEVER_NS, ReportingNode
 from ...runtime.program.run_node import FINISHED
 from ...runtime.program.stop_request import StopRequest
-from .progress import RunProgress
 from .result import Run
 
 
@@ -51,10 +53,11 @@ def run_in_virtual_time(
         try:
             edges = edge, controller_in(language, node)
             shown = (plant, node) if isinstance(node, ControllerNode) else (plant,)
-            with RunProgress(shown, plant_settings.duration_s) as progress:
+            with _progress(shown, plant_settings.duration_s) as progress:
 
                 def should_stop() -> bool:
-                    progress.step()
+                    if progress is not None:
+                        progress.step()
                     return stop() or is_in_vain()
 
                 run_virtual_nodes(*edges, bus, candump_log, should_stop)
@@ -69,3 +72,13 @@ def run_in_virtual_time(
             node.failure = node.failure or f"it sent no valid command in {START_S_MAX} s"
     shared = bus if isinstance(bus, SharedBus) else None
     return Run(plant, node, edges, where, elapsed_s, ended_by, shared)
+
+
+def _progress(nodes: tuple[ReportingNode, ...], duration_s: float) -> AbstractContextManager[Any]:
+    """Return what shows the progress; where rich is not installed, nothing does."""
+    try:
+        shown = importlib.import_module("steer_by_wire.tools.run.progress")
+    except ImportError:
+        return nullcontext()
+    progress: AbstractContextManager[Any] = shown.RunProgress(nodes, duration_s)
+    return progress
