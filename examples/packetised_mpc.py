@@ -161,6 +161,11 @@ SLOW_WHEEL = {
     "plant.latency.downlink.mean_s": 0.25,
     "plant.path_ahead": {},
     "controller.limits.steer_rate_rad_s_max": 0.03,
+    # A feedback that asks the slow wheel for more than the preset's, which noise has made gentle.
+    "controller.predictor.steer_per_error_rad_m": 0.3,
+    "controller.estimator.yaw_rate_noise_rad_s_sqrt_s": 0.023,
+    "controller.estimator.curvature_walk_1_m_sqrt_s": 0.27,
+    "controller.estimator.steering_offset_walk_rad_sqrt_s": 0.0026,
 }
 
 

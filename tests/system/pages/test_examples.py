@@ -90,7 +90,7 @@ def check_own_vehicle(runs: Any) -> None:
 
 def check_own_disturbance(runs: Any) -> None:
     pd, ddob = (rms_mm(run) for run in runs.values())
-    assert 0.4 < ddob < pd < 1.2
+    assert 0.4 < ddob < pd < 1.5
 
 
 def check_own_law(runs: Any) -> None:
@@ -101,7 +101,7 @@ def check_own_law(runs: Any) -> None:
 
 def check_networked_prediction(runs: Any) -> None:
     ours_m, published_m = (run.preview_peak_m for run in runs.values())
-    assert 0.008 < ours_m < 0.02
+    assert 0.008 < ours_m < 0.04
     assert 0.07 < published_m < 0.15
 
 
