@@ -115,10 +115,12 @@ def test_a_period_that_comes_right_is_believed_again() -> None:
     assert not after([*wrong, *right]).is_wrong
 
 
-def driven(overrides: Sequence[str], law: Sequence[str] = ()) -> tuple[PlantNode, ControllerNode]:
+def driven(
+    overrides: Sequence[str], law: Sequence[str] = (), duration_s: float = 12.0
+) -> tuple[PlantNode, ControllerNode]:
     plant = plant_settings(
         ["path.kind=ellipse", "path.semi_major_axis_m=60", "path.semi_minor_axis_m=30", *overrides],
-        duration_s=12.0,
+        duration_s=duration_s,
     )
     nodes = (
         PlantNode(plant, 0),
@@ -132,11 +134,12 @@ LONG = ("latency.downlink.mean_s=0.244", "latency.uplink.mean_s=0.05")
 
 
 def test_the_predictor_does_without_a_delay_that_is_counted_in_wrong_periods() -> None:
-    plant, controller = driven([*LONG, "sensor_period_ms=20"])
+    """It needs four seconds to notice, and steers wrongly until then; the fallback recovers."""
+    plant, controller = driven([*LONG, "sensor_period_ms=20"], duration_s=30.0)
     seen = controller.report()["sensor_period"]
     assert seen["times_wrong"] == 1
     assert seen["measured_s"] == pytest.approx(0.02, rel=0.05)
-    assert plant.samples[-1].lateral_error_m == pytest.approx(0.0, abs=0.03)
+    assert max(abs(each.cg_deviation_m) for each in plant.samples[-500:]) < 0.01
     right = driven([*LONG, "sensor_period_ms=20"], ["link.sensor_period_ms=20"])[1]
     assert right.report()["sensor_period"] == {
         "setting_s": 0.02,
