@@ -91,7 +91,7 @@ def sweep(
 
     >>> table = sweep({"latency_s": [0.0, 0.1]}, duration_s=5.0)
     >>> [f"{1e3 * rms_m:.1f} mm" for rms_m in table["rms_m"]]
-    ['11.9 mm', '12.4 mm']
+    ['46.4 mm', '46.8 mm']
     """
     own = {
         "duration_s": duration_s,

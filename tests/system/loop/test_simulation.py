@@ -128,6 +128,7 @@ def test_settings_come_from_everywhere_and_the_nearest_wins() -> None:
         duration_s=np.float64(0.1),
         law="pd_dob",
         overrides={"controller.rate_hz": np.int64(50), "controller.dob": {"q_cutoff_rad_s": 2.0}}
+        | {"controller.followed_point": "preview"}  # (19) has no centre of gravity
         | {"controller.nominal_model": {"kind": "paper_eq19"}},
     )
     assert run.plant_settings == rig.model_copy(update={"duration_s": 0.1})

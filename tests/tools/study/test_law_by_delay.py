@@ -91,8 +91,9 @@ def test_the_predictor_holds_half_a_second_and_the_observers_do_not(tmp_path: Pa
     assert found.settled_m[constant, ddob, 1] > 0.1
     assert found.settled_m[constant, of_preview, 0] > 0.05
     assert found.settled_m[lag, predictor, 1] < 0.03
-    # Newest wins, what acts is younger than the mean, and hides what jitter does in order.
-    assert found.settled_m[newest_wins, ddob, 1] < 0.01
+    # Newest wins, what acts is younger than the mean, and hides what jitter does in order: the car
+    # is as near to the path as without latency.
+    assert found.settled_m[newest_wins, ddob, 1] < found.settled_m[newest_wins, ddob, 0] < 0.015
     assert found.settled_m[in_order, ddob, 1] > 0.1
     broken = [found.breaks_at_ms(condition, ddob) for condition in range(5)]
     assert broken == [500.0, None, 500.0, 500.0, 500.0]
