@@ -212,6 +212,7 @@ def test_the_car_s_own_controller_holds_the_path_at_60_km_h(name: str, tmp_path:
         f"duration_s={MOTION_S}",
         "vehicle.speed_m_s=16.667",
         "vehicle.preview_distance_m=10.0",
+        "verdict.judged_point=preview",  # the point that the follower holds
         "path={kind='ellipse',semi_major_axis_m=400.0,semi_minor_axis_m=300.0}",
     ]
     settings = load_settings(

@@ -124,8 +124,8 @@ def test_a_replay_shows_the_figures_of_the_analysis(
 ) -> None:
     opened(browser, replay)
     browser.read("cockpit.player.seek(cockpit.player.durationS)")
-    error = analyse_files([log]).figures["signals"]["lateral_error_m"]
-    wanted_mm = [1e3 * error["rms"], 1e3 * abs(error["peak"])]
+    car = analyse_files([log]).figures["signals"]["cg_deviation_m"]
+    wanted_mm = [1e3 * car["rms"], 1e3 * abs(car["peak"])]
     browser.wait_for("document.querySelector('#timeline span').textContent.startsWith('12.0')")
     shown_mm = [float(figure) for figure in shown_figures(browser)[:2]]
     assert shown_mm == pytest.approx(wanted_mm, abs=0.00501)  # half of the last digit shown

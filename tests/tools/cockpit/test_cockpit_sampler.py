@@ -51,7 +51,7 @@ def signals(sampler: Sampler, now_ns: int) -> dict[str, float]:
 
 def test_the_running_figures_are_those_of_the_analysis(log: Path) -> None:
     row = signals(*fed(log))
-    wanted = analyse_files([log]).figures["signals"]["lateral_error_m"]
+    wanted = analyse_files([log]).figures["signals"]["cg_deviation_m"]
     assert row["rms_m"] == pytest.approx(wanted["rms"], rel=1e-12)
     assert row["peak_m"] == pytest.approx(abs(wanted["peak"]), rel=1e-12)
 
@@ -62,7 +62,7 @@ def test_figures_that_are_reset_are_those_since_then(log: Path) -> None:
     assert math.isnan(signals(sampler, now_ns)["rms_m"])
     sampler.on_frame(encode(error_of(-0.25), 0), now_ns)
     row = signals(sampler, now_ns)
-    assert (row["rms_m"], row["peak_m"]) == (0.25, 0.25)
+    assert row["rms_m"] == row["peak_m"] == -row["cg_deviation_m"] > 0.25
 
 
 def test_a_command_is_in_effect_one_latency_after_it_was_wanted(log: Path) -> None:
