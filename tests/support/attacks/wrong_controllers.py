@@ -15,7 +15,8 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.dbc.messages import CAN_IDS, Rejection, SteeringCommand, decode, encode
 from steer_by_wire.runtime.frame import Frame
 
-SETTINGS = controller_preset("practical_pd_ddob")
+SETTINGS = controller_preset("practical_pd_ddob", ["supervision.stops_if_implausible=false"])
+"""Ours would notice that the wheel does not do what it commands, and stop."""
 FOREIGN_ID = 0x7A1
 Change = Callable[[int, SteeringCommand, int], Sequence[Frame]]
 """Returns what is sent in place of a command: its number, message and E2E counter."""

@@ -20,7 +20,8 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S, ReportingNode, Wrapper
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 
-ONSET_S, FAULT_S, MOTION_S = 1.5, 0.8, 3.5
+ONSET_S, FAULT_S, MOTION_S = 1.5, 0.8, 4.0
+"""From the fallback's end at 0 rad the target ramps for 1.3 s to the 0.25 rad wanted by then."""
 _ONSET_NS = round(ONSET_S * NS_PER_S)
 _WATCHED_NS = 500_000_000
 """Time from the onset on in which counts are read after every tick."""
