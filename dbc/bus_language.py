@@ -43,6 +43,11 @@ class BusLanguage(NamedTuple):
         """The file of a car, and its database."""
         return () if self.car is None or self.file is None else (self.file, self.car.database)
 
+    @property
+    def missing(self) -> frozenset[str]:
+        """Names of the measured quantities that no message of the car carries."""
+        return frozenset() if self.car is None else self.car.missing
+
     def at_edge(self, node: ReportingNode, end: End, start_ns: int) -> ReportingNode:
         """Return a node as it is on the bus: in a car's language, behind a gateway."""
         if self.car is None:

@@ -117,4 +117,5 @@ def controller_in(
     """Return the controller as it is on a bus; a program speaks a car's language of itself."""
     if isinstance(controller, LockstepNode):
         return controller
+    controller.leave_out(language.missing)
     return language.at_edge(controller, End.CONTROLLER, 0)

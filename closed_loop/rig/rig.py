@@ -138,6 +138,7 @@ class Rig:
 
     def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns)
+        node.leave_out(self._language.missing)
         return self._language.at_edge(node, End.CONTROLLER, start_ns)
 
     def _in_virtual_time(

@@ -117,6 +117,7 @@ def _run(options: argparse.Namespace) -> int:
 
     def make_node(start_ns: int) -> ReportingNode:
         node = ControllerNode(settings, start_ns, ends_with_plant=options.exit_with_plant)
+        node.leave_out(language.missing)
         return language.at_edge(node, End.CONTROLLER, start_ns)
 
     concluded = partial(conclude, settings)

@@ -103,6 +103,10 @@ class ControllerNode:
         self._safety = SafetyReport(settings.validity, self._received, self._supervisor, start_ns)
         self._figures = RunFigures(start_ns, settings.period_ns, samples_max)
 
+    def leave_out(self, missing: frozenset[str]) -> None:
+        """Take the named signals of the plant for missing on this bus."""
+        self._plausibility.leave_out(missing)
+
     @property
     def samples(self) -> Sequence[ControlSample]:
         """The control periods kept, oldest first."""

@@ -56,6 +56,13 @@ BOUNDS = {
     "yaw": Bound(0.1, 0.3),  # rad
     "command": Bound(0.01, 0.08),  # rad s
 }
+_COMPARES = {
+    "heading": {"heading_error_rad", "yaw_rate_rad_s", "speed_m_s", "preview_curvature_1_m"},
+    "lateral": {"lateral_error_m", "heading_error_rad", "yaw_rate_rad_s", "speed_m_s"},
+    "behind": {"lateral_error_m", "heading_error_rad", "yaw_rate_rad_s", "speed_m_s"},
+    "yaw": {"yaw_rate_rad_s", "wheel_angle_rad", "speed_m_s"},
+    "command": {"wheel_angle_rad"},
+}
 _IN_WORDS = {
     "heading": "heading error, yaw rate, speed and curvature contradict each other",
     "lateral": "lateral error, heading error, yaw rate and speed contradict each other",
@@ -167,6 +174,12 @@ class Plausibility:
         self._names = ("heading", *by_vehicle, *(() if has_plans else ("command",)))
         self._may_steer_behind = vehicle is not None
         self.contradiction, self.is_opposed = "", False
+        self.restart()
+
+    def leave_out(self, missing: frozenset[str]) -> None:
+        """Compare no signal that the bus does not carry; its value is 0."""
+        self._names = tuple(one for one in self._names if not _COMPARES[one] & missing)
+        self._may_steer_behind &= "behind" in self._names
         self.restart()
 
     def restart(self) -> None:

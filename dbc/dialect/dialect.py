@@ -36,6 +36,12 @@ class Dialect(NamedTuple):
         return measured.union(*(one.carries for one in self.messages))
 
     @property
+    def missing(self) -> frozenset[str]:
+        """Names of the measured quantities that no message carries; the nodes read 0."""
+        wanted = {*Quantity} - COMMANDS - {Quantity.APPLYING} - self.carried
+        return frozenset(one.value for one in wanted)
+
+    @property
     def command_rate_hz(self) -> float:
         """How often the message that carries the command is sent."""
         (cycle_ms, *_) = (

@@ -108,7 +108,8 @@ def test_what_a_node_keeps_does_not_grow_with_garbage(
     make: Callable[[int], ReportingNode], number: int, margin: int
 ) -> None:
     node = make(number)
-    now_ns = drain(node, send_garbage(node, 1, 1_200, 0))
+    # So long that the record of the last seconds, and the list of interventions, are full.
+    now_ns = drain(node, send_garbage(node, 1, 3_600, 0))
     settled = entries(node)
     drain(node, send_garbage(node, 2, 1_200, now_ns))
     assert entries(node) < settled + margin

@@ -63,7 +63,7 @@ def test_what_has_no_value_has_failed_whatever_the_condition() -> None:
     [
         ("rms_m", "is no NAME < VALUE"),
         ("rms_m => 1", "is no NAME < VALUE|is no number"),
-        ("rms > 0.02", "no quantity 'rms'; names: rms_m, verdict"),
+        ("rms > 0.02", "no quantity 'rms': did you mean rms_m?"),
         ("rms_m > much", "'much' is no number"),
         ("rms_m > nan", "'nan' is no number"),
         ("verdict == hold", "with one of holds, off path"),
