@@ -29,8 +29,12 @@ GIVEN = {
         file.name: file.read_text(encoding="utf-8")
         for file in (ROOT / "tests" / "dbc" / "dialect").glob("my_car.*")
     },
+    **{
+        f"out/van/{file.name}": file.read_text(encoding="utf-8")
+        for file in Path(__file__).with_name("van").glob("*.toml")
+    },
 }
-"""Files of the reader's that pages name."""
+"""Files of the reader's that pages name; ``design`` of lesson 8 writes those of the van."""
 OF_NODES = ("docs/can_wire.md", "docs/learn/6_measuring.md", "docs/learn/8_your_car.md")
 """Pages that show signals, or a bus, that compiled runs do not have; the others show the same
 numbers with these (tests/closed_loop/compiled)."""
@@ -55,6 +59,7 @@ def _folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     for name in ("closed_loop", "controller", "dbc", "examples", "steer_by_wire", "tools"):
         (tmp_path / name).symlink_to(ROOT / name)
     for name, text in GIVEN.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text, encoding="utf-8")
         (tmp_path / name).chmod(0o600)
     monkeypatch.chdir(tmp_path)
@@ -109,6 +114,8 @@ def run(command: Command, broker: str, monkeypatch: pytest.MonkeyPatch, *, is_sh
             parse(command, monkeypatch)
     elif command.words[:3] == ("python", "-m", "pytest"):
         assert pytest.main([*command.words[3:], *RIG_ALONE]) == 0
+    elif command.words[-1:] == ("--preset",):  # lists them as soon as it is parsed
+        parse(command, monkeypatch)
     elif command.words[:1] in LIVE and "--check" not in command.words:
         bus = ("-i", "emulated", "-c", "pages", "--bus-kwargs", f"address={broker}")
         status = main([*command.words, *ORDINARY, "--duration", "0.05", *bus])
