@@ -70,7 +70,7 @@ def test_the_last_sentence_is_true(number: int) -> None:
     run = drawn(number)
     text = verdict_text(run.plant_report)
     time_s, wheel_rad = run.plant.time_s, run.plant.wheel_angle_rad
-    error_m = run.plant.lateral_error_m
+    error_m = run.plant.cg_deviation_m
     length_s = min(15.0, 0.25 * time_s[-1])
     last = time_s > time_s[-1] - length_s
     before = (time_s > time_s[-1] - 2.0 * length_s) & ~last
