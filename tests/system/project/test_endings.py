@@ -80,7 +80,7 @@ def test_run_and_the_analysis_of_its_log_judge_alike(tmp_path: Path, capsys: Cap
         settings = [
             text for key, value in plant.items() for text in ("--set", f"plant.{key}={value}")
         ]
-        run = ["--preset", "practical_pd", "--duration", "12", "--out", str(out)]
+        run = ["--preset", "practical_pd", "--duration", "30", "--out", str(out)]
         assert run_main([*run, *settings]) == ExitStatus.OK
         (said,) = (
             line for line in capsys.readouterr().out.splitlines() if line.startswith("verdict ")

@@ -59,9 +59,10 @@ LANE_CHANGE = SingleLaneChangeSettings(start_m=5.0, offset_m=2.0, length_m=15.0)
 
 
 def preset(law: str) -> ControllerSettings:
-    if law == "pid_heading":
-        return controller_preset("practical_pid", ("pid.heading_gain_rad_rad=0.2",))
-    return controller_preset(f"practical_{law}")
+    """The law that holds the preview point on the path: its error is that on the bus."""
+    heading = ("pid.heading_gain_rad_rad=0.2",) if law == "pid_heading" else ()
+    name = f"practical_{law.removesuffix('_heading')}"
+    return controller_preset(name, ("followed_point=preview", *heading))
 
 
 def unsteered(path: PathSettings, vehicle: NominalVehicle, ticks: int) -> NDArray[np.float64]:
@@ -146,7 +147,7 @@ def test_the_error_over_time_is_that_of_a_run_without_limits(
 ) -> None:
     corner, path, delay_ns = where
     result = drive(law, CORNERS[corner], path, delay_ns)
-    run_m = result.trace.deviation_m
+    run_m = result.trace.lateral_error_m
     grid = tracking_grid(
         [MODELS[corner]],
         unsteered(path, CORNERS[corner], len(run_m) + 1)[:, None, None],
@@ -166,7 +167,7 @@ def test_the_error_over_time_is_that_of_a_run_without_limits(
 
 def test_an_actuator_lag_is_a_part_of_the_plant() -> None:
     corner, delay_ns, lag_s = CORNERS[3], 100 * MS_NS, 0.1
-    run_m = drive("pd_ddob", corner, ELLIPSE, delay_ns, lag_s).trace.deviation_m
+    run_m = drive("pd_ddob", corner, ELLIPSE, delay_ns, lag_s).trace.lateral_error_m
     grid = tracking_grid(
         [behind_lag(MODELS[3], lag_s)],
         unsteered(ELLIPSE, corner, len(run_m) + 1)[:, None, None],
