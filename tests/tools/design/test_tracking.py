@@ -30,6 +30,7 @@ from steer_by_wire.plant_emulator.path.settings import (
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
+from steer_by_wire.tools.design.demands import course_grid
 from steer_by_wire.tools.design.loop_figures import (
     behind_lag,
     frequency_grid,
@@ -46,6 +47,9 @@ from steer_by_wire.tools.design.tracking import (
     tracking_grid,
     unsteered_errors,
 )
+from steer_by_wire.tools.design.virtual_check import constant, plants
+from steer_by_wire.tools.design.virtual_check import drive as run
+from tests.support.loops.shipped_design import shipped_spec, shipped_vehicle
 from tests.support.suite.combinations import combined
 
 MS_NS = 1_000_000
@@ -176,6 +180,17 @@ def test_an_actuator_lag_is_a_part_of_the_plant() -> None:
     )
     linear_m = deviation_m(grid, design_law(preset("pd_ddob")))[0, 0, 0, 1:]
     assert np.abs(linear_m - run_m).max() < 3e-5
+
+
+@pytest.mark.parametrize(("follows_car", "apart_m"), [(False, 1.5e-4), (True, 3e-4)])
+def test_the_car_s_rms_is_that_of_a_run(follows_car: bool, apart_m: float) -> None:
+    """With small angles: they leave out the preview point's error times curvature, 2 % of 0.3 m."""
+    delay_ns, vehicle = 250 * MS_NS, shipped_vehicle()
+    spec = shipped_spec(f"follows_car={follows_car}".lower())
+    settings = controller_preset("practical_pd_ddob") if follows_car else preset("pd_ddob")
+    linear_m = rms_m(course_grid(spec, vehicle, [delay_ns]), design_law(settings))[0, :, 0]
+    driven = (run(spec, each, settings) for each in plants(spec, vehicle, [constant(delay_ns)]))
+    assert linear_m == pytest.approx([each.rms_m for each in driven], abs=apart_m)
 
 
 def test_the_steer_rate_is_the_largest_step_of_the_command() -> None:
