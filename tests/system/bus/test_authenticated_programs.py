@@ -104,7 +104,9 @@ def test_a_pair_with_a_key_withstands_an_intruder_and_a_restart_and_shows_no_key
             assert second.interrupt() == ExitStatus.OK
         assert plant.interrupt() == ExitStatus.OK
     figures = plant.report()["node"]["authentication"]
-    replayed = sum(frame.can_id in (0x100, 0x300, 0x304, 0x308) for frame in heard)
+    # Before it knows the plant's challenge, the controller sends frames without a code, zeros.
+    ids, has_code = (0x100, 0x300, 0x304, 0x308), slice(12, None)
+    replayed = sum(frame.can_id in ids and any(frame.data[has_code]) for frame in heard)
     # The plant alone sends these, so that one from elsewhere is refused whatever its code. Without
     # a code, as before the controller was there, it is not called forged.
     own = sum(frame.can_id in (0x110, 0x120, 0x130) for frame in heard)
