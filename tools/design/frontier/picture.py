@@ -43,9 +43,9 @@ def draw_frontier(asked: FrontierSettings, points: Sequence[Point]) -> Figure:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_title("Least error of each structure, each at its own best", fontsize=11)
+    axes.set_title("Least error that a search found for each structure", fontsize=11)
     figure.legend(
-        title="structure: what it reads beside the lateral error",
+        title="structure: what it reads with the lateral error",
         fontsize=8,
         ncols=2,
         loc="outside upper center",
@@ -54,8 +54,8 @@ def draw_frontier(asked: FrontierSettings, points: Sequence[Point]) -> Figure:
         0.01, -0.02,
         f"Worst of the vehicle's corners and of all delays up to the one shown, from"
         f" {asked.ignore_s:g} s on; noise on the wheel at most {asked.noise_gain_rad_m_max:g} rad"
-        f" per m;\npeak sensitivity at most {asked.peak_sensitivity_max:g}. Every structure was"
-        " searched alike.",
+        f" per m;\npeak sensitivity at most {asked.peak_sensitivity_max:g}. All structures meet"
+        " the same demands.",
         fontsize=7.5, color="0.35", va="top",
     )  # fmt: skip
     return figure
