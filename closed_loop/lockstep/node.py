@@ -112,10 +112,10 @@ def controller_node(
 
 
 def controller_in(
-    language: BusLanguage, controller: ControllerNode | LockstepNode
+    language: BusLanguage, controller: ControllerNode | LockstepNode, start_ns: int = 0
 ) -> ReportingNode:
     """Return the controller as it is on a bus; a program speaks a car's language of itself."""
     if isinstance(controller, LockstepNode):
         return controller
     controller.leave_out(language.missing)
-    return language.at_edge(controller, End.CONTROLLER, 0)
+    return language.at_edge(controller, End.CONTROLLER, start_ns)

@@ -28,12 +28,11 @@ from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.node import NS_PER_S, ReportingNode
-from ...runtime.node.end import End
 from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
-from ..lockstep.node import LockstepNode
+from ..lockstep.node import LockstepNode, controller_in
 from ..lockstep.program import LockstepProgram
 from ..pair.live_bus import BUSES, Bus, open_channels
 from ..pair.live_pair import LivePair, Program
@@ -137,9 +136,7 @@ class Rig:
         return outcome._replace(rate_hz=NS_PER_S / settings.period_ns)
 
     def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
-        node = ControllerNode(settings, start_ns)
-        node.leave_out(self._language.missing)
-        return self._language.at_edge(node, End.CONTROLLER, start_ns)
+        return controller_in(self._language, ControllerNode(settings, start_ns), start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles
