@@ -147,6 +147,17 @@ def pytest_collection(session: pytest.Session) -> None:
         session.config.args = folders[begin:] + folders[:begin]
 
 
+@pytest.fixture(autouse=True)
+def _modules_forgotten(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Forget modules of a test's own folder, or of the examples: another test has its namesakes."""
+    before = set(sys.modules)
+    yield
+    folders = (str(tmp_path_factory.getbasetemp()), str(ROOT / "examples"))
+    for name in set(sys.modules) - before:
+        if os.path.abspath(getattr(sys.modules[name], "__file__", None) or "").startswith(folders):
+            del sys.modules[name]
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_pycollect_makemodule(
     module_path: Path, parent: pytest.Collector

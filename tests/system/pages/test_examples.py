@@ -5,7 +5,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -134,13 +134,10 @@ what the nodes do (tests/closed_loop/compiled)."""
 
 
 @pytest.fixture(autouse=True)
-def _examples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+def _examples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.syspath_prepend(str(EXAMPLES))
     monkeypatch.syspath_prepend(str(EXAMPLES / "foreign_controller_c"))
     monkeypatch.chdir(tmp_path)
-    yield
-    for file in EXAMPLES.rglob("*.py"):
-        sys.modules.pop(file.stem, None)
 
 
 @pytest.mark.parametrize("name", CHECKS)

@@ -4,7 +4,6 @@ import argparse
 import doctest
 import os
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -54,8 +53,7 @@ def broker() -> Iterator[str]:
 
 
 @pytest.fixture
-def _folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    before = set(sys.modules)
+def _folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name in ("closed_loop", "controller", "dbc", "examples", "steer_by_wire", "tools"):
         (tmp_path / name).symlink_to(ROOT / name)
     for name, text in GIVEN.items():
@@ -63,10 +61,6 @@ def _folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
         (tmp_path / name).write_text(text, encoding="utf-8")
         (tmp_path / name).chmod(0o600)
     monkeypatch.chdir(tmp_path)
-    yield
-    for name in set(sys.modules) - before:
-        if str(getattr(sys.modules[name], "__file__", "")).startswith((".", str(tmp_path))):
-            del sys.modules[name]
 
 
 @pytest.mark.usefixtures("_folder", "unrendered")
