@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
-from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, simulate
+from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, law_styles, simulate
 from steer_by_wire.law_parts import (
     PLAN_VALUES,
     LoopDelayParams,
@@ -128,9 +128,10 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     }
     figure, runs = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110), {}
     axes = figure.subplots()
-    for label, law in {"predictor": "predictor", "as published": LAW}.items():
+    laws: dict[str, str | Law] = {"predictor": "predictor", "as published": LAW}
+    for style, (label, law) in zip(law_styles(laws), laws.items(), strict=True):
         run = simulate("highway_nominal", "highway_packet", law=law, duration_s=8.0, overrides=case)
-        axes.plot(run.plant.time_s, run.plant.cg_deviation_m, label=label)
+        axes.plot(run.plant.time_s, run.plant.cg_deviation_m, label=label, **style)
         runs[label] = run
     axes.set(xlabel="time [s]", ylabel="car off the path [m]")
     axes.legend()

@@ -19,7 +19,16 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 from pydantic import PositiveFloat
 
-from steer_by_wire import ControllerSettings, Law, LawInput, LawOutput, Run, Settings, simulate
+from steer_by_wire import (
+    ControllerSettings,
+    Law,
+    LawInput,
+    LawOutput,
+    Run,
+    Settings,
+    law_styles,
+    simulate,
+)
 from steer_by_wire.law_parts import (
     PdParams,
     SectionState,
@@ -78,9 +87,9 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     axes = figure.subplots()
     runs = {}
     laws: dict[str, str | Law] = {"pd": "pd", "with an integral": LAW}
-    for label, law in laws.items():
+    for style, (label, law) in zip(law_styles(laws), laws.items(), strict=True):
         run = simulate(controller="practical_pd", law=law, overrides=network)
-        axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
+        axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label, **style)
         runs[label] = run
     axes.set(xlabel="time [s]", ylabel="preview point off the path [mm]")
     axes.legend()

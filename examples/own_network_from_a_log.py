@@ -17,7 +17,7 @@ from random import Random
 
 from matplotlib.figure import Figure
 
-from steer_by_wire import Run, simulate
+from steer_by_wire import Run, law_styles, simulate
 
 LAWS = ("practical_pd", "practical_pd_ddob", "practical_predictor")
 
@@ -56,9 +56,10 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     }
     figure = Figure(figsize=(9.0, 6.0), layout="constrained", dpi=110)
     latency, error = figure.subplots(2, 1, sharex=True)
-    for law, run in runs.items():
+    styles = law_styles(law.removeprefix("practical_") for law in LAWS)
+    for style, (law, run) in zip(styles, runs.items(), strict=True):
         label = f"{law}, RMS {1e3 * run.settled_rms_m:.1f} mm"
-        error.plot(run.plant.time_s, 1e3 * run.plant.cg_deviation_m, label=label)
+        error.plot(run.plant.time_s, 1e3 * run.plant.cg_deviation_m, label=label, **style)
     plant = runs[LAWS[0]].plant
     latency.plot(plant.time_s, 1e3 * plant.downlink_latency_s, ".", ms=2.0, label="commands")
     latency.set(ylabel="latency [ms]", title="Latency from a ping log")

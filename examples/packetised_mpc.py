@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from steer_by_wire import ControllerSettings, LawInput, LawOutput, Run, simulate
+from steer_by_wire import ControllerSettings, LawInput, LawOutput, Run, law_styles, simulate
 from steer_by_wire.law_parts import (
     LAWS,
     NO_HISTORY,
@@ -172,11 +172,12 @@ SLOW_WHEEL = {
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     figure, runs = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110), {}
     axes = figure.subplots()
-    for label, law in {"packet": "packet", "packetised MPC": LAW}.items():
+    laws = {"packet": "packet", "packetised MPC": LAW}
+    for style, (label, law) in zip(law_styles(laws), laws.items(), strict=True):
         run = simulate(
             "highway_nominal", "highway_packet", law=law, duration_s=8.0, overrides=SLOW_WHEEL
         )
-        axes.plot(run.plant.time_s, run.plant.cg_deviation_m, label=label)
+        axes.plot(run.plant.time_s, run.plant.cg_deviation_m, label=label, **style)
         runs[label] = run
     axes.set(xlabel="time [s]", ylabel="car off the path [m]", ylim=(-1.5, 1.5))
     axes.legend()

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from steer_by_wire import run_study
+from steer_by_wire import law_styles, run_study
 
 STUDY = """
 name = "ORDER"
@@ -49,14 +49,23 @@ def main(folder: Path = Path("out/examples")) -> Mapping[str, Mapping[str, Any]]
         file = folder / f"{order}.toml"
         file.write_text(STUDY.replace("ORDER", order))
         tables[order] = table = run_study(file)
-        for law, colour in zip(np.unique(table["controller"]), ("C0", "C1"), strict=True):
+        laws = np.unique(table["controller"])
+        looks = law_styles(law.removeprefix("practical_") for law in laws)
+        for law, look in zip(laws, looks, strict=True):
             is_law = table["controller"] == law
             means_s = np.unique(table["mean_s"])
             rms_mm = [
                 1e3 * np.median(table["settled_rms_m"][is_law & (table["mean_s"] == mean)])
                 for mean in means_s
             ]
-            axes.plot(1e3 * means_s, rms_mm, colour + style, marker="o", label=f"{law}, {order}")
+            axes.plot(
+                1e3 * means_s,
+                rms_mm,
+                style,
+                color=look["color"],
+                marker="o",
+                label=f"{law}, {order}",
+            )
     axes.set(xlabel="mean latency of the commands [ms]", ylabel="RMS of the car, median [mm]")
     axes.set(yscale="log", title="Jitter of half the mean: frames overtaken, or kept in order")
     axes.legend()

@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .closed_loop.reports.plot_style import law_styles
     from .closed_loop.scripting.check import Check, check
     from .closed_loop.scripting.simulate import controller_presets, plant_presets, simulate
     from .closed_loop.scripting.simulated_run import ControllerTable, PlantTable, Run, Track
@@ -51,6 +52,7 @@ _NAMES = {
     "plant_emulator.vehicle.single_track_model": ("VehicleParams",),
     "plant_emulator.path.waypoints": ("path_through",),
     "runtime.settings": ("Settings", "SettingsError"),
+    "closed_loop.reports.plot_style": ("law_styles",),
     "closed_loop.scripting.simulated_run": ("ControllerTable", "PlantTable", "Run", "Track"),
     "closed_loop.scripting.simulate": ("controller_presets", "plant_presets", "simulate"),
     "closed_loop.studies.run_study": ("run_study", "sweep"),
@@ -86,6 +88,7 @@ __all__ = [
     "check",
     "controller_presets",
     "feedback_stability",
+    "law_styles",
     "path_of_curvature",
     "path_through",
     "plant_presets",

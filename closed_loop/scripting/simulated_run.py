@@ -304,7 +304,7 @@ class Run(NamedTuple):
 
 def _draw_error(axes: "Axes", plant: PlantTable) -> None:
     """Draw how far both points of the vehicle are off the path, over time."""
-    from ..reports.plot_style import COLOURS
+    from ..reports.law_colours import COLOURS
 
     for values_m, label, colour in (
         (plant.lateral_error_m, "preview point", COLOURS[1]),

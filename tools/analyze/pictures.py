@@ -9,8 +9,9 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.recordings.durations import Durations
 from ...closed_loop.recordings.log_analysis import LogAnalysis
+from ...closed_loop.reports.law_colours import COLOURS
 from ...closed_loop.reports.page import Picture
-from ...closed_loop.reports.plot_style import COLOURS, plot_style, png_of
+from ...closed_loop.reports.plot_style import plot_style, png_of
 
 if TYPE_CHECKING:
     from .smoothing import SmoothedTable

@@ -47,6 +47,11 @@ class Law(NamedTuple):
     preset: str
     overrides: tuple[str, ...] = ()
 
+    @property
+    def name(self) -> str:
+        """Its name in the settings."""
+        return self.preset.removeprefix("paper_")
+
     def changed(self, *overrides: str) -> "Law":
         """Return this law with further settings."""
         return self._replace(overrides=(*self.overrides, *overrides))

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from scipy.signal import cont2discrete
 
 from ...closed_loop.pair.pair_result import rms
-from ...closed_loop.reports.plot_style import COLOURS
+from ...closed_loop.reports.plot_style import law_styles
 from ...controller.filters.cdob import cdob_at_rest, cdob_step
 from ...controller.filters.discretization import design_cdob, design_dob, design_pd
 from ...controller.filters.dob import dob_at_rest, dob_step
@@ -141,10 +141,10 @@ def picture(name: str, label: str, quantity: Quantity, laws: tuple[Law, Law]) ->
     for axes, filter_rad_s in zip(
         figure.subplots(1, len(FILTERS_RAD_S), sharey=True), FILTERS_RAD_S, strict=True
     ):
-        for colour, law in zip(COLOURS, laws, strict=False):
+        for style, law in zip(law_styles(law.name for law in laws), laws, strict=True):
             time_s, values = _run(law, filter_rad_s).time_s, _values(law, filter_rad_s, quantity)
             text = f"{law.label}, RMS {rms(values):.3g}"
-            axes.plot(time_s[::_STEP], values[::_STEP], color=colour, lw=0.9, label=text)
+            axes.plot(time_s[::_STEP], values[::_STEP], lw=0.9, label=text, **style)
         axes.set(xlabel="time [s]")
         axes.set_title(f"Path as the reference, N = {filter_rad_s:g} rad/s", fontsize=10.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)

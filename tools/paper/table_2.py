@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...closed_loop.pair.pair_result import rms
-from ...closed_loop.reports.plot_style import COLOURS
+from ...closed_loop.reports.law_colours import COLOURS
 from ...controller.settings import controller_preset
 from . import published
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of

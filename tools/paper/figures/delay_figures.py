@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ....closed_loop.pair.pair_result import rms
-from ....closed_loop.reports.plot_style import COLOURS
+from ....closed_loop.reports.plot_style import law_styles
 from ....runtime.array_types import FloatArray
 from .. import published
 from ..delay_runs import (
@@ -38,9 +38,6 @@ STEER_SHOWN_S = 10.0
 """Only the first seconds of the steer are drawn: later, a limit cycle is a filled area."""
 
 _ERROR_STEP_S, _STEER_STEP_S = 0.02, 0.005
-_COLOUR_OF = {"PD": COLOURS[0], "PD+CDOB": COLOURS[1], "DDOB": COLOURS[2]}
-"""A law has one colour in all pictures."""
-
 _WHY_CDOB = (
     "Not as published: with the ideal derivative 80 ms is eight times the PD's delay margin; PD "
     "ends in a limit cycle on the steering limits, and so does PD+CDOB. With a filtered derivative "
@@ -193,10 +190,11 @@ def panels(name: str, shown: Sequence[Compared], *, steer: bool) -> Picture:
     for axes, (variant, runs) in zip(
         figure.subplots(1, len(shown), sharex=True, sharey=True), shown, strict=True
     ):
-        for label, run in runs.items():
+        laws = (law.name for law in variant.laws)
+        for style, (label, run) in zip(law_styles(laws), runs.items(), strict=True):
             few = _shown(run, steer)
             text = f"{label}, RMS {rms(_values(run, steer)):.3g} {'rad' if steer else 'm'}"
-            axes.plot(few.time_s, _values(few, steer), color=_COLOUR_OF[label], lw=0.9, label=text)
+            axes.plot(few.time_s, _values(few, steer), lw=0.9, label=text, **style)
         axes.set(xlabel="time [s]")
         axes.set_title(variant.title, fontsize=10.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=1)

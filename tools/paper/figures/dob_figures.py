@@ -12,7 +12,7 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 
 from ....closed_loop.pair.pair_result import rms
-from ....closed_loop.reports.plot_style import COLOURS
+from ....closed_loop.reports.plot_style import law_styles
 from .. import published
 from ..result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from ..simulation import History, thinned
@@ -106,10 +106,11 @@ def _against(published_m: float, law: str, own: History) -> Comparison:
 def _picture(name: str, runs: _Runs) -> Picture:
     figure = Figure(figsize=(8.0, 4.2))
     axes = figure.subplots()
-    for colour, law, trace in zip(COLOURS, ("PD", "PD+DOB"), runs, strict=False):
+    laws = zip(law_styles(("pd", "pd_dob")), ("PD", "PD+DOB"), runs, strict=True)
+    for style, law, trace in laws:
         shown = thinned(trace, _STEP_S)
         label = f"{law}, RMS {rms(trace.lateral_error_m):.4f} m"
-        axes.plot(shown.time_s, shown.lateral_error_m, color=colour, label=label)
+        axes.plot(shown.time_s, shown.lateral_error_m, label=label, **style)
     axes.axhline(0.0, color="black", lw=0.6)
     axes.set(xlabel="time [s]", ylabel="lateral deviation [m]")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2)

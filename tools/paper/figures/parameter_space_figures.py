@@ -18,7 +18,8 @@ from ....closed_loop.parameter_space.gain_boundaries import (
     closed_loop_roots,
     meets_demands,
 )
-from ....closed_loop.reports.plot_style import COLOURS, LINES
+from ....closed_loop.reports.law_colours import COLOURS
+from ....closed_loop.reports.plot_style import LINES
 from ....controller.filters.nominal_model import paper_eq19
 from ....runtime.array_types import ComplexArray
 from ..result import Comparison, Picture, Reproduction, Verdict, unpublished

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from ....closed_loop.reports.plot_style import COLOURS
+from ....closed_loop.reports.law_colours import COLOURS
+from ....closed_loop.reports.plot_style import law_styles
 from ....controller.analysis.sampled_loop import SampledLoop
 from ....controller.filters.continuous_filters import q_order_2
 from ....controller.filters.nominal_model import paper_eq19
@@ -188,8 +189,9 @@ def _network_picture(name: str, settings: ControllerSettings, subtitle: str) -> 
     inverse_db = -20.0 * np.log10(np.abs(delay_uncertainty(_OMEGA_RAD_S, DELAY_S)))
     figure = Figure(figsize=(8.0, 4.8))
     axes = figure.subplots()
-    axes.semilogx(_OMEGA_RAD_S, closed_db, color=COLOURS[1], label="|L_n/(1 + L_n)|")
-    axes.semilogx(_OMEGA_RAD_S, inverse_db, color=COLOURS[0], label="1/|Δ_m|")
+    (style,) = law_styles(["pd_cdob"])
+    axes.semilogx(_OMEGA_RAD_S, closed_db, label="|L_n/(1 + L_n)|", **style)
+    axes.semilogx(_OMEGA_RAD_S, inverse_db, color="0.3", label="1/|Δ_m|")
     above = closed_db >= inverse_db
     axes.fill_between(
         _OMEGA_RAD_S, closed_db, inverse_db, where=above, color=COLOURS[3], alpha=0.8, lw=0.0
