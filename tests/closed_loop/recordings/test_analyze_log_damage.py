@@ -105,7 +105,10 @@ def test_a_log_that_is_cut_anywhere_says_so_and_has_no_frame_that_was_not_there(
         assert not frames
         return
     assert frames == wanted[: len(frames)]
-    if suffix in COUNTED_ENDS or not left.endswith(b"\n"):
+    # Cut between the records of two lines, a text has nothing to notice.
+    began = left.rpartition(b"\n")[2].strip()
+    is_inside_a_line = began and content[len(left) :].lstrip(b"\r")[:1] != b"\n"
+    if suffix in COUNTED_ENDS or is_inside_a_line:
         assert log.state.cut_off or frames == wanted
 
 
