@@ -10,7 +10,6 @@ from ..frame import ERROR, Frame
 BUS_OFF = "bus_off"
 FORGED_BUS_OFF = "forged_bus_off"
 """An error frame reports bus-off, but according to the kernel the controller is not."""
-RESTARTED = "restarted"
 UNSPECIFIED = "unspecified"
 """No bit names a cause; also all error frames of interfaces other than SocketCAN."""
 
@@ -22,7 +21,7 @@ _CLASSES = (
     (0x020, "no_acknowledge"),
     (_BUS_OFF, BUS_OFF),
     (_BUS_ERROR, "bus_error"),
-    (_RESTARTED, RESTARTED),
+    (_RESTARTED, "restarted"),
 )
 _CONTROLLER_DETAILS = (  # of byte 1
     (0x01, "receive_overflow"),

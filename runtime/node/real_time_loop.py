@@ -12,9 +12,7 @@ A wake-up, in this order:
    before it was sent, however late the machine is.
 3. Tick while the node's deadline is due.
 
-Deadlines are absolute, so that one late tick makes no later tick late. The last part of a wait may
-be spinning: it polls clock and port without sleeping. This occupies a processor, and avoids the
-time that the host needs to wake up a program.
+Deadlines are absolute, so that one late tick makes no later tick late.
 """
 
 import time
@@ -85,7 +83,6 @@ class RealTimeExecutor:
     """Runs ``node`` on ``port``.
 
     ``clock_ns``  monotonic clock [ns]
-    ``spin_ns``   how long before a deadline to start spinning [ns]
     ``observe``   called with the time after each wake-up that leaves time to the next deadline
     """
 
@@ -94,13 +91,11 @@ class RealTimeExecutor:
         node: Node,
         port: Port,
         clock_ns: Callable[[], int] = time.monotonic_ns,
-        spin_ns: int = 0,
         observe: Callable[[int], None] = unobserved,
     ) -> None:
         self._node = node
         self._port = port
         self._clock_ns = clock_ns
-        self._spin_ns = spin_ns
         self._observe = observe
         self._lateness = DurationStatistics()
         self._overdue = self._wake_ups = self._full_wake_ups = 0
@@ -148,13 +143,8 @@ class RealTimeExecutor:
 
     def _wait(self, before_ns: int) -> Received | None:
         """Return the next frame, or None after the deadline or WAIT_NS_MAX."""
-        deadline_ns = self._node.deadline_ns
-        wait_ns = min(deadline_ns - before_ns - self._spin_ns, WAIT_NS_MAX)
-        received = self._port.recv(max(wait_ns, 0) / NS_PER_S)
-        if self._spin_ns and wait_ns < WAIT_NS_MAX:
-            while received is None and self._clock_ns() < deadline_ns:
-                received = self._port.recv(0.0)
-        return received
+        wait_ns = min(self._node.deadline_ns - before_ns, WAIT_NS_MAX)
+        return self._port.recv(max(wait_ns, 0) / NS_PER_S)
 
     def _drain(self, first: Received, passed_ns: int, now_ns: int) -> int:
         """Pass ``first`` and the frames waiting behind it to the node, up to the limit.

@@ -6,8 +6,7 @@ python-can opens every other interface.
 """
 
 import argparse
-from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import can
@@ -41,7 +40,6 @@ class OpenPort(NamedTuple):
     ``channel``       its name, for recordings
     ``driver``        AF_CAN or PYTHON_CAN
     ``is_socketcan``  whether its error frames have SocketCAN's codes
-    ``reopen``        opens the same channel again; raises BusError
     ``has_carrier``   whether the channel is a network interface, whose carrier shows bus-off too
     ``hint``          what a user of this bus should know; empty for nothing
     """
@@ -51,7 +49,6 @@ class OpenPort(NamedTuple):
     channel: str
     driver: str
     is_socketcan: bool
-    reopen: Callable[[], "OpenPort"]
     has_carrier: bool = True
     hint: str = ""
 
@@ -74,20 +71,14 @@ def open_port(namespace: argparse.Namespace, can_ids: Collection[int] | None = N
     filters: list[CanFilter] | None = None
     if can_ids is not None:
         filters = [{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in sorted(can_ids)]
-    return _open(namespace, filters, choose_bus(namespace))
-
-
-def _open(
-    namespace: argparse.Namespace, filters: Sequence[CanFilter] | None, choice: Choice
-) -> OpenPort:
-    reopen = partial(_open, namespace, filters, choice)
+    choice = choose_bus(namespace)
     is_socketcan = choice.interface == "socketcan"
     if is_socketcan and choice.channel:
         config = _configuration(namespace, choice)
         if config is not None and set(config) <= _FAST_PATH_TAKES:
             port = _open_fast(choice, choice.channel, config, filters)
             description = f"SocketCAN {choice.channel} by {AF_CAN} ({choice.reason})"
-            return OpenPort(port, description, choice.channel, AF_CAN, is_socketcan, reopen)
+            return OpenPort(port, description, choice.channel, AF_CAN, is_socketcan)
     bus, description = open_bus(namespace, choice)
     # Whether the interface, its driver or its hardware filters, instead of python-can.
     filters_itself = type(bus)._apply_filters is not can.BusABC._apply_filters
@@ -101,7 +92,6 @@ def _open(
         channel,
         PYTHON_CAN,
         means_the_same,
-        reopen,
         is_socketcan,
         VIRTUAL_HINT if choice.interface == "virtual" else "",
     )

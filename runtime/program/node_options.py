@@ -15,7 +15,6 @@ from ..command_line import (
     offer,
     output_file,
     seconds,
-    whole_number,
 )
 from ..port.interface_choice import add_bus_arguments
 from ..recording.recorder import recording_obstacle
@@ -24,9 +23,6 @@ from ..settings.mistakes import setting_words
 from .priority_and_memory_lock import priority
 
 _S = TypeVar("_S", bound=Settings)
-_SPIN_US_MAX = 10_000
-PATIENCE_S = 60.0
-"""How long ``--reconnect`` waits for the bus by default."""
 
 
 def make_parser(
@@ -48,14 +44,6 @@ def make_parser(
     )
     add_real_time_arguments(parser)
     add_bus_arguments(parser)
-    group = parser.add_argument_group("a bus that fails")
-    group.add_argument(
-        "--reconnect", action="store_true", help="reopen a bus that was lost, and continue"
-    )
-    group.add_argument(
-        "--reconnect-limit", type=seconds, default=PATIENCE_S, metavar="SECONDS",
-        help="end if the bus is not back after this time (default: %(default)g)",
-    )  # fmt: skip
     return parser
 
 
@@ -99,14 +87,9 @@ def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
         "--priority", type=priority, default=50, metavar="0..99",
         help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
     )  # fmt: skip
-    group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
     group.add_argument(
         "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
     )
-    group.add_argument(
-        "--spin-us", type=whole_number(0, _SPIN_US_MAX), default=0, metavar="US",
-        help=f"busy-wait this long before a deadline, 0 to {_SPIN_US_MAX}; occupies a processor",
-    )  # fmt: skip
 
 
 def load_program_settings(

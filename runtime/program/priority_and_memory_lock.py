@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import NamedTuple
 
 from ..command_line import whole_number
@@ -19,21 +18,16 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 priority = whole_number(0, 99)
 """Reads a priority of SCHED_FIFO (sched(7)), or 0."""
-_STAT = Path("/proc/stat")
-_STEAL_FIELD = 7
-"""Of the cpu line of /proc/stat: time that the hypervisor gave to other guests, proc(5)."""
 
 
 class RealTimeRequest(NamedTuple):
     """What to request.
 
     ``priority``     of SCHED_FIFO, 1 to 99; 0: the ordinary one
-    ``cpu``          the only processor to run on; None: any
     ``lock_memory``  whether no page may be swapped out
     """
 
     priority: int = 0
-    cpu: int | None = None
     lock_memory: bool = False
 
 
@@ -50,11 +44,9 @@ def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
     """Run the block in real time, as far as the host grants it; yields the answers.
 
     Afterwards the program has its ordinary priority again, so that writing its report does not
-    delay others. Affinity, memory lock and timer slack stay: they delay no one.
+    delay others. Memory lock and timer slack stay: they delay no one.
     """
     answers = [_timer_slack()]
-    if request.cpu is not None:
-        answers.append(_affinity(request.cpu))
     if request.lock_memory:
         answers.append(_locked_memory())
     with without_garbage_collection():
@@ -69,36 +61,6 @@ def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-class StealClock:
-    """Measures the share of processor time that the hypervisor has given to other guests.
-
-    It makes a program late that is not slow. Only Linux reports it.
-    """
-
-    def __init__(self, stat: Path = _STAT) -> None:
-        self._stat = stat
-        self._start = _read_steal(stat)
-
-    def fraction(self) -> float | None:
-        """Stolen share of all processors' time, 0 to 1; None if unknown."""
-        now = _read_steal(self._stat)
-        if self._start is None or now is None:
-            return None
-        stolen, total = now[0] - self._start[0], now[1] - self._start[1]
-        return stolen / total if total > 0 else 0.0
-
-
-def _read_steal(stat: Path) -> tuple[int, int] | None:
-    """Return stolen and total time of all processors together [clock ticks]."""
-    try:
-        with stat.open(encoding="ascii") as file:
-            times = [int(field) for field in file.readline().split()[1:]]
-        # The last two fields, guest time, are included in the first two.
-        return times[_STEAL_FIELD], sum(times[: _STEAL_FIELD + 1])
-    except (OSError, ValueError, IndexError):
-        return None
-
-
 def _fifo(priority: int) -> HostAnswer:
     name = "real-time priority"
     if sys.platform != "linux":
@@ -108,17 +70,6 @@ def _fifo(priority: int) -> HostAnswer:
     except (OSError, ValueError) as error:
         return HostAnswer(name, False, f"SCHED_FIFO {priority}: {cause_of(error)}")
     return HostAnswer(name, True, f"SCHED_FIFO {priority}")
-
-
-def _affinity(cpu: int) -> HostAnswer:
-    name = "processor"
-    if sys.platform != "linux":
-        return HostAnswer(name, False, "only on Linux")
-    try:
-        os.sched_setaffinity(0, {cpu})
-    except (OSError, ValueError, OverflowError) as error:
-        return HostAnswer(name, False, f"{cpu}: {cause_of(error)}")
-    return HostAnswer(name, True, f"runs on {cpu} only")
 
 
 def _locked_memory() -> HostAnswer:

@@ -51,9 +51,7 @@ def loop_report(figures: LoopFigures) -> dict[str, Any]:
 
 def connection_report(figures: ConnectionFigures) -> dict[str, Any]:
     """Return the figures of the connection to the bus, times in seconds."""
-    report = figures._asdict()
-    outage_ns = report.pop("outage_ns")
-    return report | {"outage_s": outage_ns / NS_PER_S}
+    return figures._asdict()
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -124,16 +122,9 @@ def summary_lines(report: Mapping[str, Any]) -> Iterator[str]:
     refused = [f"{a['name']} ({a['detail']})" for a in host["answers"] if not a["got"]]
     if refused:
         yield f"refused by the host: {', '.join(refused)}"
-    if host["steal_fraction"]:
-        yield f"{100.0 * host['steal_fraction']:.1f} % of the processor time went to other guests"
 
 
 def _connection_lines(connection: Mapping[str, Any]) -> Iterator[str]:
-    if connection["outages"]:
-        yield (
-            f"bus lost {connection['outages']}x, back {connection['reconnections']}x; "
-            f"it was away for {connection['outage_s']:.2f} s"
-        )
     if connection["error_frames"]:
         yield f"error frames by cause: {causes_line(connection['error_frames'])}"
     if connection["frames_dropped"]:

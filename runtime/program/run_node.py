@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from ..command_line import say
 from ..exit_status import BusError, ExitStatus, most_severe
-from ..node import NS_PER_S, NS_PER_US, N, ReportingNode, innermost
+from ..node import NS_PER_S, N, ReportingNode, innermost
 from ..node.real_time_loop import LoopFigures, RealTimeExecutor, unobserved
 from ..port.connection import Connection, ConnectionFigures
 from ..port.port import open_port
@@ -23,7 +23,7 @@ from ..recording.recorder import Recording, RecordingPort
 from ..settings import Settings
 from ..settings.plugin import PartError
 from .fail_if_conditions import Ending, fail_status
-from .priority_and_memory_lock import RealTimeRequest, StealClock, real_time
+from .priority_and_memory_lock import RealTimeRequest, real_time
 from .report import connection_report, run_report, summary_lines, write_json
 from .screen import Observer, Screen
 from .stop_request import StopRequest
@@ -91,9 +91,7 @@ def run_node(
 
     opened = open_port(options, edge.can_ids)
     screen = Screen(name, sys.stderr)
-    connection = Connection(
-        opened, options.reconnect_limit if options.reconnect else 0.0, screen.line
-    )
+    connection = Connection(opened)
     stop = StopRequest()
     # Report and recording are written before the shut-down, which may take seconds or fail.
     with shutting_down(connection), ExitStack() as stack:
@@ -158,19 +156,16 @@ def _run_in_real_time(
     recording: Recording | None,
     screen: Screen,
 ) -> tuple[N, _Run]:
-    request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
+    request = RealTimeRequest(options.priority, options.lock_memory)
     failure, status = "", ExitStatus.OK
     with real_time(request) as answers:
-        steal = StealClock()
         start_ns = time.monotonic_ns()
         if options.duration is not None:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         node = make_node(start_ns)
         port = connection if recording is None else RecordingPort(connection, recording)
         observe = unobserved if options.quiet else Observer(node.view, screen, start_ns)
-        executor = RealTimeExecutor(
-            node, port, spin_ns=options.spin_us * NS_PER_US, observe=observe
-        )
+        executor = RealTimeExecutor(node, port, observe=observe)
         screen.start()
         try:
             executor.run(stop)
@@ -181,8 +176,5 @@ def _run_in_real_time(
         finally:
             screen.close()
     ended_by = failure or stop.reason or FINISHED
-    host = {
-        "answers": [answer._asdict() for answer in answers],
-        "steal_fraction": steal.fraction(),
-    }
+    host = {"answers": [answer._asdict() for answer in answers]}
     return node, _Run(ended_by, failure, status, executor.figures, connection.figures, host)

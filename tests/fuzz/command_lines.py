@@ -38,7 +38,6 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.demo.__main__": (".open_channels",),
     "tools.design.__main__": ("tools.design.program.worker_pool",),
     "tools.doctor.__main__": ("tools.doctor.checks.examine",),
-    "tools.faults.__main__": (".open_port",),
     "tools.monitor.__main__": (".open_port",),
     "tools.paper.__main__": (".reproduce_all",),
     "tools.study.__main__": ("closed_loop.studies.result_files.Store.open",),

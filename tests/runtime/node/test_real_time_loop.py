@@ -120,10 +120,8 @@ def never() -> bool:
     return False
 
 
-def run(
-    node: Recorder, machine: Machine, should_stop: Callable[[], bool] = never, spin_ns: int = 0
-) -> LoopFigures:
-    executor = RealTimeExecutor(node, machine, machine.clock_ns, spin_ns)
+def run(node: Recorder, machine: Machine, should_stop: Callable[[], bool] = never) -> LoopFigures:
+    executor = RealTimeExecutor(node, machine, machine.clock_ns)
     executor.run(should_stop)
     return executor.figures
 
@@ -207,35 +205,6 @@ def test_work_beyond_the_next_deadline_leaves_no_wait_and_keeps_phase() -> None:
     assert node.tick_times_ns == [0, 10 * MS, 24 * MS, 30 * MS]
     assert figures.overdue == 1
     assert figures.lateness.max_ns == 4 * MS
-
-
-class Spinning(Machine):
-    """A machine that wakes up late, and on which a look at the port takes a microsecond."""
-
-    def recv(self, timeout_s: float) -> Received | None:
-        received = super().recv(timeout_s)
-        if received is None and timeout_s == 0.0:
-            self.now_ns += MS // 1000
-        return received
-
-
-def test_spinning_makes_up_for_a_late_wake_up() -> None:
-    node, machine = Recorder(ticks=4), Spinning(oversleep_ns=MS // 5)
-    figures = run(node, machine, spin_ns=MS // 2)
-    # The first tick is due before there is a wait.
-    assert max(node.tick_times_ns[n] - n * 10 * MS for n in (1, 2, 3)) <= MS // 1000
-    assert figures.lateness.max_ns <= MS // 1000
-    sleeps_ns = [wait_ns for wait_ns in machine.waits_ns if wait_ns]
-    assert max(sleeps_ns) <= 10 * MS - MS // 2
-    assert len(sleeps_ns) == 3
-
-
-def test_a_frame_ends_the_spinning() -> None:
-    node = Recorder(ticks=2)
-    machine = Spinning([(10 * MS - MS // 4, frame(1))], reports_arrivals=True)
-    run(node, machine, spin_ns=MS // 2)
-    assert node.calls[1] == ("frame", 10 * MS - MS // 4)
-    assert 0 <= node.tick_times_ns[1] - 10 * MS <= MS // 1000
 
 
 def test_error_frames_are_no_node_s_business() -> None:

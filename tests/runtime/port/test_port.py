@@ -152,14 +152,6 @@ def test_an_interface_that_cannot_be_opened_is_reported_in_one_line(machine: Pat
         opened("-i", "socketcan", "-c", "can0")
 
 
-def test_a_lost_interface_is_opened_again_and_nothing_else_instead(machine: Path) -> None:
-    found = opened("-c", "can0")
-    assert found.reopen().description == found.description
-    (machine / "can0" / "flags").write_text("0x80\n")
-    with pytest.raises(BusError, match="can0 is down"):
-        found.reopen()
-
-
 # Any interface of python-can
 
 

@@ -9,18 +9,16 @@ import os
 import resource
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from steer_by_wire.runtime.program.priority_and_memory_lock import (
     HostAnswer,
     RealTimeRequest,
-    StealClock,
     real_time,
 )
 
-EVERYTHING = RealTimeRequest(priority=50, cpu=1, lock_memory=True)
+EVERYTHING = RealTimeRequest(priority=50, lock_memory=True)
 
 
 class Linux:
@@ -45,9 +43,6 @@ class Linux:
     def sched_getscheduler(self, _pid: int) -> int:
         return self.policy
 
-    def sched_setaffinity(self, pid: int, cpus: set[int]) -> None:
-        self._system("affinity", pid, cpus)
-
     def _system(self, *call: object) -> None:
         self.calls.append(call)
         if self.error:
@@ -63,7 +58,7 @@ class Linux:
 def linux(monkeypatch: pytest.MonkeyPatch) -> Linux:
     linux = Linux()
     monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("sched_setscheduler", "sched_getscheduler", "sched_setaffinity"):
+    for name in ("sched_setscheduler", "sched_getscheduler"):
         monkeypatch.setattr(os, name, getattr(linux, name))
     monkeypatch.setattr(os, "geteuid", lambda: linux.user)
     monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: linux)
@@ -86,14 +81,12 @@ def test_what_is_granted_is_reported_as_got(linux: Linux) -> None:
         assert all(answer.got for answer in answers)
         assert {answer.name: answer.detail for answer in answers} == {
             "timer slack": "1 ns",
-            "processor": "runs on 1 only",
             "memory lock": "no page leaves the memory",
             "garbage collector": "frozen, off during the run",
             "real-time priority": "SCHED_FIFO 50",
         }
     assert ("prctl", 29, 1, 0, 0, 0) in linux.calls
     assert ("mlockall", 3) in linux.calls
-    assert ("affinity", 0, {1}) in linux.calls
     assert ("scheduler", 0, os.SCHED_FIFO, 50) in linux.calls
 
 
@@ -111,7 +104,7 @@ def test_what_is_refused_is_reported_with_the_reason_and_the_block_runs(linux: L
     linux.error = 1
     with real_time(EVERYTHING) as answers:
         refused = {name: a.detail for name, a in by_name(answers).items() if not a.got}
-    assert set(refused) == {"timer slack", "processor", "memory lock", "real-time priority"}
+    assert set(refused) == {"timer slack", "memory lock", "real-time priority"}
     assert all(os.strerror(1) in detail for detail in refused.values())
 
 
@@ -122,7 +115,7 @@ def test_elsewhere_everything_is_refused_by_name(
     with real_time(EVERYTHING) as answers:
         refused = {name: a.detail for name, a in by_name(answers).items() if not a.got}
     assert set(refused.values()) == {"only on Linux"}
-    assert len(refused) == 4
+    assert len(refused) == 3
     assert linux.calls == []
 
 
@@ -139,30 +132,3 @@ def test_the_program_is_an_ordinary_one_again_however_the_block_ends(
         assert error is not None
     assert linux.policy == os.SCHED_OTHER
     assert gc.isenabled()
-
-
-@pytest.mark.parametrize("cpu", [-1, 10**6, 10**30])
-def test_a_processor_that_does_not_exist_is_refused_by_the_real_host(cpu: int) -> None:
-    with real_time(RealTimeRequest(cpu=cpu)) as answers:
-        assert not by_name(answers)["processor"].got
-
-
-# user nice system idle iowait irq softirq steal guest guest_nice
-BEFORE = "cpu  100 0 50 800 10 5 5 30 40 0\ncpu0 1 2 3\n"
-AFTER = "cpu  140 0 60 830 10 5 5 50 90 0\ncpu0 1 2 3\n"
-
-
-def test_the_stolen_share_is_steal_by_all_time_and_counts_guests_once(tmp_path: Path) -> None:
-    stat = tmp_path / "stat"
-    stat.write_text(BEFORE)
-    clock = StealClock(stat)
-    stat.write_text(AFTER)
-    assert clock.fraction() == pytest.approx(20 / 100)
-
-
-@pytest.mark.parametrize("text", ["", "cpu  1 2 3\n", "cpu  a b c d e f g h\n"])
-def test_a_host_that_does_not_report_is_not_guessed_at(tmp_path: Path, text: str) -> None:
-    stat = tmp_path / "stat"
-    assert StealClock(stat).fraction() is None
-    stat.write_text(text)
-    assert StealClock(stat).fraction() is None

@@ -250,7 +250,6 @@ def completions(line: str, tmp_path: Path) -> set[str]:
             {"plant.latency.uplink.model=gamma"},
         ),
         ("steer-by-wire plant --fail-if set", {"settled_rms_m"}),
-        ("steer-by-wire faults sp", {"spoof"}),
         ("steer-by-wire study com", {"compare", "compare_at_speed"}),
         ("steer-by-wire cockpit --bus e", {"emulated"}),
     ],
