@@ -150,9 +150,10 @@ class Processes:
     def kill(self, names: Sequence[str]) -> None:
         """Kill some of them with SIGKILL."""
         for name in names:
-            process = self._processes.pop(name)
+            process = self._processes[name]
             process.kill()
-            self._statuses[name] = process.wait()
+            self._statuses[name] = process.wait()  # before it goes: another thread may ask for it
+            del self._processes[name]
 
     def signal(self, name: str, number: int) -> None:
         """Send a signal to one, if it still runs."""

@@ -27,6 +27,9 @@ from .signals import ROW_PERIOD_S, packed_row
 ROWS_KEPT = 1500
 """Rows that a page which comes late, or falls behind, can still get: half a minute."""
 _ROW_PERIOD_NS = round(ROW_PERIOD_S * NS_PER_S)
+_NOTHING_YET: Mapping[str, Any] = {
+    "lights": [], "frames": {}, "law": "", "lost": False, "failure": "",
+}  # fmt: skip
 _STATUS_NS = NS_PER_S // 4
 _ROWS_BEHIND_MAX = 25
 """After a longer pause of this program the rows in between are left out."""
@@ -49,7 +52,7 @@ class Lane:
         self._row_ns = self._status_ns = time.monotonic_ns()
         self._rows: list[bytes] = [b""] * ROWS_KEPT
         self.row_count = 0
-        self.status: Mapping[str, Any] = {"lights": [], "frames": {}, "law": "", "failure": ""}
+        self.status: Mapping[str, Any] = _NOTHING_YET
         self._failure = ""
         self._wishes: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._log: CandumpLog | None = None
@@ -139,6 +142,7 @@ class Lane:
                 "frames": self._sampler.frames(now_ns),
                 "law": self._sampler.law(now_ns),
                 "score": self._sampler.score(),
+                "lost": self._sampler.is_lost,
                 "failure": self._failure,
             }
 

@@ -16,6 +16,7 @@ from ...closed_loop.pair.live_pair import LivePair
 from ...closed_loop.pair.live_pair import Program as StartedProgram
 from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
 from ...closed_loop.pair.virtual_bus import QUIET_BUS
+from ...closed_loop.reports.law_colours import LawLine, law_lines
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...plant_emulator.path.path import Path, pose
 from ...plant_emulator.path.path_from_settings import build_path
@@ -26,7 +27,7 @@ from ...runtime.port.python_can import BusPort
 from .ghost import Ghost
 from .hand import HandFile
 from .lane import Lane
-from .scenario import Scenario, lane_settings
+from .scenario import HAND, LaneSettings, Scenario, lane_settings
 
 _POINT_M = 0.5
 _OPEN_END_M = 400.0
@@ -37,10 +38,12 @@ _POINTS_MAX = 4000
 class LaneFacts(NamedTuple):
     """One lane, ready for JSON.
 
+    ``line``    colour and dash of its law
     ``path_m``  points (x, y) of the path, empty where it is not known
     """
 
     label: str
+    line: LawLine
     front_axle_m: float
     rear_axle_m: float
     preview_m: float
@@ -48,7 +51,7 @@ class LaneFacts(NamedTuple):
     path_is_closed: bool
 
 
-def lane_facts(label: str, plant: PlantSettings | None = None) -> LaneFacts:
+def lane_facts(label: str, line: LawLine, plant: PlantSettings | None = None) -> LaneFacts:
     """Return the facts of a lane; without ``plant``, of a bus that somebody else drives.
 
     Its vehicle is then that of the wire contract.
@@ -57,6 +60,7 @@ def lane_facts(label: str, plant: PlantSettings | None = None) -> LaneFacts:
     path = None if plant is None else build_path(plant.path)
     return LaneFacts(
         label,
+        line,
         vehicle.front_axle_distance_m,
         vehicle.rear_axle_distance_m,
         vehicle.preview_distance_m,
@@ -72,7 +76,7 @@ def _points(path: Path) -> Sequence[tuple[float, float]]:
     return [(round(place.x_m, 3), round(place.y_m, 3)) for place in places]
 
 
-Action = Literal["kill", "pause", "resume", "restart"]
+Action = Literal["kill", "pause", "resume", "restart", "put_back"]
 Program = Literal["plant", "controller"]
 _PROGRAMS: Mapping[Program, str] = {"plant": PLANT_PROGRAM, "controller": CONTROLLER_PROGRAM}
 
@@ -101,13 +105,16 @@ class OwnLanes:
         self.bus = ""
         self.hand: HandFile | None = None
 
-    def start(self, scenario: Scenario) -> None:
-        """Restart a scenario; raises SettingsError, BusError or OSError."""
+    def settings_of(self, scenario: Scenario) -> Sequence[LaneSettings]:
+        """Return what the lanes of a scenario run with; raises SettingsError."""
         settings = lane_settings(scenario)
         for lane in settings:
             if lane.controller:
                 self._language.refuse_law(lane.controller.law_that_reads_the_vehicle)
-        self.stop()
+        return settings
+
+    def start(self, settings: Sequence[LaneSettings]) -> None:
+        """Start the lanes, where none run; raises BusError or OSError."""
         with ExitStack() as stack:
             made = TemporaryDirectory(prefix="steer-by-wire-cockpit-", ignore_cleanup_errors=True)
             folder = FilePath(stack.enter_context(made))
@@ -138,7 +145,12 @@ class OwnLanes:
                 )
                 pairs.append(stack.enter_context(pair))
             self._stack = stack.pop_all()
-        self.lanes, self.facts = lanes, [lane_facts(lane.label, lane.plant) for lane in settings]
+        laws = law_lines(lane.controller.law if lane.controller else HAND for lane in settings)
+        self.facts = [
+            lane_facts(lane.label, line, lane.plant)
+            for lane, line in zip(settings, laws, strict=True)
+        ]
+        self.lanes = lanes
         self._pairs, self.bus = pairs, channels.description
 
     def stop(self) -> None:
@@ -147,15 +159,23 @@ class OwnLanes:
             for program in _PROGRAMS.values():
                 pair.programs.signal(program, signal.SIGCONT)
             pair.interrupt()
-        self.lanes = self._pairs = ()
+        self.lanes = self.facts = self._pairs = ()
         self._paused.clear()
         self._stack.close()
 
     def act(self, lane: int, program: Program, action: Action) -> None:
-        """Kill, pause, resume or restart one process; nothing where that makes no sense."""
+        """Kill, pause, resume or restart one process; nothing where that makes no sense.
+
+        To put back is to start the plant of a lost car again.
+        """
         if lane >= len(self._pairs):
             return
         pair, name = self._pairs[lane], _PROGRAMS[program]
+        if action == "put_back":
+            if not self.lanes[lane].status["lost"]:
+                return
+            pair.programs.kill([name])
+            action = "restart"
         if action == "restart":
             if pair.programs.status(name) is not None:
                 pair.begin(name)

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from ...closed_loop.reports.law_colours import law_lines
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.exit_status import BusError
 from ...runtime.settings import Settings, SettingsError
@@ -174,7 +175,8 @@ class Desk:
 
     def hello(self) -> Mapping[str, Any]:
         """Return all that a page needs before the first row, ready for JSON."""
-        facts = [lane_facts("bus")] if self._own is None else self._own.facts
+        bus = lane_facts("bus", law_lines([""])[0])
+        facts = [bus] if self._own is None else self._own.facts
         return {
             "kind": "hello",
             **shown(),
@@ -238,9 +240,14 @@ class Desk:
         return self._own
 
     def _start(self, scenario: Scenario) -> None:
-        self._own_lanes().start(scenario)
+        """Start a scenario; a page is told at once what comes, and again when it runs."""
+        own = self._own_lanes()
+        settings = own.settings_of(scenario)
+        own.stop()
         self._recording_since = None
         self._scenario = scenario
+        self.generation += 1
+        own.start(settings)
         self.generation += 1
 
     def _record(self, on: bool) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 from ...closed_loop.recordings.log_file import open_log
 from ...closed_loop.recordings.log_state import LogError
 from ...closed_loop.recordings.status_lights import Light
+from ...closed_loop.reports.law_colours import LawLine, law_lines
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
@@ -39,7 +40,9 @@ def read_replay(
     ``listening``  understands the bus
     """
     replay = _replay(files, channel, listening)
-    return _block([replay.lane(0, replay.law or _names(files))], _names(files) + replay.cut_off)
+    (line,) = law_lines([replay.law.lower()])
+    names = _names(files)
+    return _block([replay.lane(0, replay.law or names, line)], names + replay.cut_off)
 
 
 def read_replays(
@@ -47,7 +50,11 @@ def read_replays(
 ) -> bytes:
     """Return the block of recordings next to each other, each from its first frame on."""
     replays = [_replay([file], channel, listening) for file in files]
-    lanes = [replay.lane(lane, files[lane].stem) for lane, replay in enumerate(replays)]
+    lines = law_lines(replay.law.lower() for replay in replays)
+    lanes = [
+        replay.lane(lane, files[lane].stem, line)
+        for lane, (replay, line) in enumerate(zip(replays, lines, strict=True))
+    ]
     return _block(lanes, _names(files) + "".join(replay.cut_off for replay in replays))
 
 
@@ -137,17 +144,17 @@ class _Replay:
         return self._start_ns is not None
 
     @property
-    def law(self) -> str | None:
-        """The law that steers at the end."""
+    def law(self) -> str:
+        """The law that steers at the end; empty where it is not known."""
         return self._sampler.law(self._now_ns)
 
-    def lane(self, number: int, label: str) -> tuple[Mapping[str, Any], bytes]:
+    def lane(self, number: int, label: str, line: LawLine) -> tuple[Mapping[str, Any], bytes]:
         """Return facts and rows of the whole recording."""
         self._leave(self._now_ns + 1)
         end_s = self._now_ns / NS_PER_S
         self._rows.items.append(packed_row(end_s, self._sampler.row(self._now_ns)))
         facts = {
-            **lane_facts(label)._asdict(),
+            **lane_facts(label, line)._asdict(),
             "row_period_s": self._rows.period_ns / NS_PER_S,
             "duration_s": end_s,
             "lights": [

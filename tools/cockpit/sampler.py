@@ -90,6 +90,9 @@ _FOREIGN_MAX = 20
 IN_LANE_M = 0.86
 """Deviation of the centre of gravity at which a car of 1.78 m is on the edge of a lane of 3.5 m."""
 
+LOST_M = 20.0
+"""How far off the path a car is lost; chosen, a quarter of what LATERAL_ERROR carries."""
+
 M = TypeVar("M", bound=messages.Message)
 
 
@@ -160,6 +163,9 @@ class Sampler:
     def on_plant_start(self) -> None:
         """Take note that the plant was started: it begins at the start of its path."""
         self._place = Place(self._path)
+        self._newest.pop(messages.LateralError, None)
+        self._in_effect_rad = math.nan
+        self.reset_figures()
         if self._ghost is not None:
             self._ghost.restart()
 
@@ -220,7 +226,8 @@ class Sampler:
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
         ghost = None if self._ghost is None else self._ghost.at(now_ns)
-        score = self.score()
+        is_out_of_sight = error is None and self.is_lost
+        score = {} if is_out_of_sight else self.score()
         values = {
             "lateral_error_m": error and error.lateral_error_m,
             "cg_deviation_m": error and self._watch.cg_deviation_m,
@@ -243,6 +250,13 @@ class Sampler:
             "peak_m": self._score.peak_m if score else None,
         }
         return tuple(math.nan if (value := values[name]) is None else value for name in NAMES)
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the car was last seen so far off that it will not come back by itself."""
+        newest = self._newest.get(messages.LateralError)
+        error = newest and newest.message
+        return isinstance(error, messages.LateralError) and abs(error.lateral_error_m) > LOST_M
 
     def score(self) -> Mapping[str, float]:
         """Return RMS [m] and share of the time in the lane since the reset; empty before it."""

@@ -80,6 +80,13 @@ def press(*words: str) -> str:
     )
 
 
+def begin(browser: Browser, title: str) -> None:
+    """Start a preset."""
+    browser.wait_for("document.getElementById('preset')")
+    browser.read(f"document.getElementById('preset').value = {title!r}")
+    browser.read(press("Start"))
+
+
 def test_a_foreign_bus_gets_the_frame_that_the_slider_asks_for(browser: Browser) -> None:
     with (
         launched_broker() as broker,
@@ -206,7 +213,7 @@ def live() -> Iterator[str]:
 
 def test_every_control_has_a_name_for_a_screen_reader(browser: Browser, live: str) -> None:
     opened(browser, live)
-    browser.wait_for("document.querySelectorAll('.scenario').length")
+    browser.wait_for("document.getElementById('preset')")
     tree = browser.call("Accessibility.getFullAXTree")["nodes"]
     roles = ("button", "slider", "combobox", "textbox", "spinbutton", "tab", "img", "link")
     controls = [node for node in tree if node.get("role", {}).get("value") in roles]
@@ -247,7 +254,7 @@ def test_a_live_loop_is_watched_driven_and_recorded(
     browser.wait_for(f"{light('Steering')} !== 'SILENT'")
     browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
 
-    browser.read(press("DDOB with varying delay"))
+    begin(browser, "DDOB with varying delay")
     browser.wait_for("cockpit.lanes.length === 4 && cockpit.drawn")
     laws = "cockpit.status.lanes.map((lane) => lane.law).join()"
     browser.wait_for(f"{laws} === 'PD,PID,PD_CDOB,PD_DDOB'")
@@ -302,9 +309,8 @@ def let_go(browser: Browser) -> None:
 def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, live: str) -> None:
     browser.read("delete navigator.getGamepads")
     opened(browser, live)
-    browser.wait_for("document.querySelectorAll('.scenario').length")
-    browser.read(press("Drive it: 250 ms"))
-    browser.wait_for("cockpit.isDriven && cockpit.status?.lanes[0]?.score && cockpit.nowS > 0.1")
+    begin(browser, "Drive it: 250 ms")
+    browser.wait_for("cockpit.isDriven && cockpit.lanes.length && cockpit.nowS > 0.1")
     browser.read(NOTE_BEGIN)
     key(browser, "keyDown", "ArrowLeft")
     browser.wait_for(f"{value_of('steer_rad')} > 0.01")
@@ -333,3 +339,43 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     browser.read("navigator.getGamepads = () => []; 0")
     browser.wait_for("/^5\\d s · RMS/.test(document.getElementById('score').textContent)")
     in_order(browser, live)
+
+
+def test_a_lost_car_is_put_back_and_its_round_does_not_count(browser: Browser, live: str) -> None:
+    browser.read("delete navigator.getGamepads")
+    opened(browser, live)
+    begin(browser, "Drive it: no delay")
+    # The first key is told before there is a program to take it.
+    browser.wait_for("!cockpit.lanes.length && cockpit.isDriven")
+    assert "Press ←" in browser.read("document.getElementById('story').textContent")
+    key(browser, "keyDown", "ArrowLeft")
+    browser.wait_for("['3', '2', '1'].includes(document.getElementById('score').textContent)")
+    assert not browser.read(f"Number.isFinite({value_of('steer_rad')})")  # the car waits as well
+    browser.wait_for("cockpit.isInMetres && cockpit.lost[0]")
+    story = browser.wait_for(
+        "document.getElementById('story').textContent.match(/lost after (\\d+) s; .* not count/)"
+    )
+    assert int(story[1]) > 0
+    key(browser, "keyUp", "ArrowLeft")
+    browser.wait_for("!cockpit.lost[0]")
+    browser.wait_for(f"Math.abs({value_of('lateral_error_m')}) < 0.01")
+    browser.wait_for("document.getElementById('score').textContent === 'The car is ready'")
+    in_order(browser, live)
+
+
+def test_programs_and_record_are_seen_on_a_laptop(browser: Browser, live: str) -> None:
+    opened(browser, live)
+    begin(browser, "DDOB at 80 ms")
+    browser.wait_for("cockpit.lanes.length === 1 && cockpit.status?.programs.length")
+    for button in ("Kill plant of practical pd ddob", "Record every frame (R)"):
+        box = f"document.querySelector('[title=\"{button}\"]')?.getBoundingClientRect()"
+        assert browser.wait_for(f"{box}?.bottom") <= 720.0
+
+
+def test_the_deviation_button_is_lit_only_where_it_magnifies(browser: Browser, replay: str) -> None:
+    opened(browser, replay)
+    lit = "document.getElementById('deviation').ariaPressed"
+    said = "/\\d+/.exec(document.getElementById('deviation').textContent)[0]"
+    for error_m, wanted in ((0.31, "false,1"), (0.29, "true,10")):
+        browser.read(f"cockpit.lanes[0].columns.lateral_error_m.fill({error_m}); cockpit.touch()")
+        browser.wait_for(f"[{lit}, {said}].join() === {wanted!r}")

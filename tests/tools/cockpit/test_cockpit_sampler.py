@@ -140,6 +140,21 @@ def test_the_vehicle_stands_until_the_first_command_and_where_it_was_seen_last()
     assert place.at(60 * NS).x_m == pytest.approx(5.0)  # half a second and no farther
 
 
+def test_a_car_far_off_is_lost_until_its_plant_starts_again() -> None:
+    sampler = Sampler(0)
+    sampler.on_frame(encode(motion_of(5.0), 0), 0)
+    for number, (error_m, wanted) in enumerate(((19.9, False), (20.1, True))):
+        sampler.on_frame(encode(error_of(error_m), number), 0)
+        assert sampler.is_lost is wanted
+    # Farther off there is no measurement, and the figures do not stand still at the last one.
+    assert math.isfinite(signals(sampler, 0)["peak_m"])
+    assert math.isnan(signals(sampler, 2 * NS)["peak_m"])
+    assert sampler.is_lost
+    sampler.on_plant_start()
+    assert not sampler.is_lost
+    assert sampler.score() == {}
+
+
 # Lights
 
 CALM = Known(

@@ -1,6 +1,6 @@
 // The strip charts: one uPlot each, on one time axis, with one cursor and one zoom.
 
-import { DASHES, colour } from "cockpit/theme.js";
+import { asFill, colour, lawLine } from "cockpit/theme.js";
 import { byId, element, fixed, setText, shown } from "cockpit/words.js";
 
 const SPANS_S = [5, 15, 30, 60];
@@ -8,8 +8,8 @@ const SIGNAL_STYLES = {
   steer_rad: ["wanted", [5, 3]],
   steer_in_effect_rad: ["in-effect", [2, 2]],
   wheel_angle_rad: ["applied", []],
-  cg_deviation_m: ["lane-1", [5, 3]],
-  uplink_s: ["lane-1", [5, 3]],
+  cg_deviation_m: ["second", [5, 3]],
+  uplink_s: ["second", [5, 3]],
 };
 const STEP_PIXELS = 2; // to draw them again for less would show nothing more
 const FONT = "11px system-ui, sans-serif";
@@ -40,6 +40,14 @@ export class Charts {
     this.setZoom(null);
   }
 
+  // Keep the scales that were chosen when lengths have another unit.
+  rescale(ratioOf) {
+    for (const [title, chosen] of Object.entries(this.chosen)) {
+      const chart = this.app.head.charts.find((one) => one.title === title);
+      if (chosen.high !== null) chosen.high *= ratioOf(chosen.signal || chart.of_lanes);
+    }
+  }
+
   // Make the charts again: other lanes, or other colours.
   build() {
     for (const { plot } of this.plots) plot.destroy();
@@ -55,11 +63,11 @@ export class Charts {
     if (this.app.lanes.length > 1) {
       return this.app.lanes.map((rows, lane) => ({
         rows, signal: signals[chosen || chart.of_lanes], label: this.app.head.lanes[lane].label,
-        ink: colour(`lane-${lane}`), dash: DASHES[lane],
+        ...lawLine(this.app.head.lanes[lane]),
       }));
     }
     return (chosen ? [chosen] : chart.signals).map((name) => {
-      const [ink, dash] = SIGNAL_STYLES[name] ?? ["lane-0", []];
+      const [ink, dash] = SIGNAL_STYLES[name] ?? ["first", []];
       return { rows: this.app.lanes[0], signal: signals[name], label: signals[name].label, ink: colour(ink), dash };
     });
   }
@@ -90,8 +98,7 @@ export class Charts {
     const unit = lines[0]?.signal.unit ?? "";
     const values = lines.map((line) => {
       const key = element("span", { className: "key", title: line.label }, element("span", { className: this.app.lanes.length > 1 ? "of-lane" : "" }, `${line.label} `), element("b"));
-      key.style.setProperty("--ink", line.ink);
-      if (line.dash.length) key.style.setProperty("--dash", "dashed");
+      key.style.setProperty("--fill", asFill(line));
       return key;
     });
     const place = element("div", { className: "plot" });

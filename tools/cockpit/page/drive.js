@@ -2,9 +2,10 @@
 
 import { Hand } from "cockpit/hand.js";
 import { colour } from "cockpit/theme.js";
-import { byId, element, setText } from "cockpit/words.js";
+import { byId, element, length, setText } from "cockpit/words.js";
 
 const ROUND_S = 60;
+const COUNTDOWN_MS = 3000;
 const SEND_MS = 20;
 const STEERING_RATIO = 16; // of the steering wheel in the picture to the front wheels
 const LOCK_M_S2 = 3.5; // lateral acceleration at the stop, a little beyond what the steering allows
@@ -21,7 +22,7 @@ export class Drive {
     this.speed = element("select", { id: "drive-speed", ariaLabel: "speed", onchange: () => this.restart() },
       ...SPEEDS_KM_H.map((speed) => element("option", { value: speed }, `${speed} km/h`)));
     this.again = element("button", { type: "button", id: "again", onclick: () => this.restart() }, "Again");
-    this.onward = element("button", { type: "button", id: "next", className: "primary", onclick: () => this.next() }, "Next round");
+    this.onward = element("button", { type: "button", id: "next", className: "primary", onclick: () => this.next("") }, "Next round");
     this.full = element("button", { type: "button", id: "kiosk", onclick: () => this.toggleKiosk() }, "Full screen");
     this.home = element("a", { className: "download", href: "recording/lane1.html", download: "round.html", hidden: true }, "Take your round home");
     const buttons = element("div", { className: "row" }, this.speed, this.again, this.onward, this.full);
@@ -30,6 +31,7 @@ export class Drive {
       if (!document.fullscreenElement) this.setKiosk(false);
     });
     this.sentMs = 0;
+    this.result = ""; // of the round before
     if (location.hash === "#kiosk") this.setKiosk(true);
   }
 
@@ -53,24 +55,26 @@ export class Drive {
     byId("drive").hidden = !isShown;
     this.app.isDriven = isShown;
     document.body.classList.toggle("driven", isShown);
-    this.startS = null;
-    this.hand.letGo();
+    this.startS = this.goMs = null;
+    if (!this.app.lanes.length) this.hand.letGo(); // who takes the wheel while the programs start has it
     if (!isShown) {
       if (this.scenario && this.isKiosk) this.start(this.rounds[0]);
       return;
     }
     this.speed.value = this.scenario.speed_km_h;
-    this.hand.stopRad = STEERING_RATIO * this.lockRad;
+    if (this.app.lanes.length) this.hand.stopRad = STEERING_RATIO * this.lockRad;
     setText(this.again, this.lane < 0 ? "Watch again" : "Again");
     this.tell();
   }
 
   tell() {
-    const how = this.lane < 0 ? "" : " Take the wheel: ← →, drag it, or a gamepad.";
-    setText(this.text, this.scenario.note + (this.startS === null ? how : ""));
+    const how = this.lane < 0 ? "" : " Press ← or → to begin, drag the wheel, or take a gamepad.";
+    const waits = [this.result, this.scenario.note + how].filter(Boolean).join(" ");
+    setText(this.text, this.startS === null ? waits : this.scenario.note);
   }
 
-  start(scenario) {
+  start(scenario, result = "") {
+    this.result = result;
     const speed_km_h = this.scenario?.is_round ? Number(this.speed.value) : scenario.speed_km_h;
     this.app.wish({ do: "record", on: false });
     this.app.wish({ do: "start", scenario: { ...scenario, speed_km_h } });
@@ -81,9 +85,20 @@ export class Drive {
     if (this.scenario) this.start(this.scenario);
   }
 
-  next() {
+  next(result) {
     const titles = this.rounds.map((one) => one.title);
-    this.start(this.rounds[(titles.indexOf(this.scenario?.title) + 1) % titles.length]);
+    this.start(this.rounds[(titles.indexOf(this.scenario?.title) + 1) % titles.length], result);
+  }
+
+  // The car is far off, and is put back: the round begins again and this one does not count.
+  lose() {
+    if (!this.scenario) return;
+    const drivenS = this.startS === null ? 0 : Math.round(this.app.nowS - this.startS);
+    this.result = `The car was lost after ${drivenS} s; this round does not count.`;
+    this.app.wish({ do: "record", on: false });
+    this.startS = this.goMs = null;
+    this.hand.letGo();
+    this.tell();
   }
 
   // For the next visitor, when no one has taken the wheel for a minute.
@@ -108,18 +123,29 @@ export class Drive {
     if (byId("drive").hidden || !this.scenario) return;
     this.hand.step(elapsedS);
     const { nowS } = this.app;
+    const lane = Math.max(this.lane, 0), rows = this.app.lanes[lane];
+    const isThere = Number.isFinite(rows?.value("lateral_error_m", nowS)) && !this.app.lost[lane];
     const isDriver = this.lane >= 0 && this.hand.isOn;
-    if (isDriver && nowMs - this.sentMs >= SEND_MS) {
+    if (isThere && isDriver) this.goMs ??= nowMs + COUNTDOWN_MS;
+    const isGo = this.lane < 0 || (this.goMs !== null && nowMs >= this.goMs);
+    if (isDriver && isGo && nowMs - this.sentMs >= SEND_MS) {
       this.sentMs = nowMs;
       this.app.wish({ do: "steer", steer_rad: this.steerRad });
     }
     // The minute begins with the first command on the bus: the hand's process takes seconds to start.
-    const isSteered = Number.isFinite(this.app.lanes[Math.max(this.lane, 0)]?.value("steer_rad", nowS));
-    if (this.startS === null && isSteered) this.begin(nowS);
+    const isSteered = Number.isFinite(rows?.value("steer_rad", nowS));
+    if (this.startS === null && isThere && isGo && isSteered) this.begin(nowS);
     this.drawWheel(nowS);
     if (this.startS !== null) this.count(nowS - this.startS);
-    else if (isDriver) setText(this.score, "The wheel is being connected");
-    else if (this.isKiosk && nowS > ROUND_S && this.scenario.title !== this.rounds[0].title) this.welcome();
+    else setText(this.score, this.wait(isThere, isDriver, nowMs));
+    if (this.startS === null && this.isKiosk && nowS > ROUND_S && this.scenario.title !== this.rounds[0].title) this.welcome();
+  }
+
+  // What a visitor waits for.
+  wait(isThere, isDriver, nowMs) {
+    if (!isThere) return isDriver ? "You have the wheel; the car is being started" : "The car is being started";
+    if (this.goMs === null) return this.lane < 0 ? "" : "The car is ready";
+    return nowMs < this.goMs ? String(Math.ceil((this.goMs - nowMs) / 1000)) : "Go";
   }
 
   get lockRad() {
@@ -146,11 +172,11 @@ export class Drive {
     const { rms_m, in_lane } = this.app.status?.lanes[Math.max(this.lane, 0)]?.score ?? {};
     if (rms_m == null) return;
     const left = Math.max(Math.ceil(ROUND_S - drivenS), 0);
-    const result = `RMS ${told(rms_m, in_lane)}`;
-    setText(this.score, left ? `${left} s · ${result}` : `That minute: ${result}`);
+    const result = `RMS ${length(rms_m, true)} · in lane ${(100 * in_lane).toFixed(0)}\u00a0%`;
+    setText(this.score, `${left} s · ${result}`);
     if (left) return;
     if (this.lane >= 0) this.home.hidden = false;
-    this.next();
+    this.next(`That minute: ${result}.`);
   }
 
   // The rim turns with the hand; the mark on it is where the wheels of the car are.
@@ -181,12 +207,6 @@ export class Drive {
     pen.rotate(-STEERING_RATIO * carRad);
     mark(pen, colour("applied"), -185);
   }
-}
-
-// A score in words that do not break: "46 m · in lane 21 %".
-function told(rms_m, in_lane) {
-  const rms = rms_m < 10 ? `${(1000 * rms_m).toFixed(0)}\u00a0mm` : `${rms_m.toFixed(0)}\u00a0m`;
-  return `${rms} · in lane ${(100 * in_lane).toFixed(0)}\u00a0%`;
 }
 
 function mark(pen, ink, y) {

@@ -12,15 +12,16 @@ import { Rows } from "cockpit/rows.js";
 import { Scene } from "cockpit/scene.js";
 import { Setup } from "cockpit/setup.js";
 import { startTheme } from "cockpit/theme.js";
-import { byId, element, pressed, setText } from "cockpit/words.js";
+import { byId, element, inUnit, pressed, setText } from "cockpit/words.js";
 
 const TOAST_MS = 6000;
 const READ_S = 0.1; // no one reads figures that change more often
+const METRES_FROM_M = 1; // a car that was so far off is told of in metres
 
 // What all parts of the page share.
 const app = {
-  head: null, signals: {}, lanes: [], lane: 0, status: null, player: null,
-  heldS: null, isTouched: true, hasMoved: true, drawn: 0, link: null, isDriven: false,
+  head: null, signals: {}, lanes: [], lost: [], lane: 0, status: null, player: null,
+  heldS: null, isTouched: true, hasMoved: true, drawn: 0, link: null, isDriven: false, isInMetres: false,
   touch() { this.isTouched = this.hasMoved = true; },
   moveOn() { this.hasMoved = true; }, // nothing but the time is another
   wish(wish) { this.link?.wish(wish); },
@@ -37,7 +38,7 @@ const lights = new Lights(app), frames = new Frames(app), network = new Network(
 
 function take(head) {
   app.head = head;
-  app.signals = Object.fromEntries(head.signals.map((signal) => [signal.name, signal]));
+  useMetres(false);
   app.lane = 0;
   app.heldS = null;
   pressed(byId("hold"), false);
@@ -46,15 +47,42 @@ function take(head) {
 }
 
 function build() {
-  if (!app.lanes.length) return;
+  if (!app.head) return;
   for (const part of [charts, figures, lights, frames]) part.build();
   app.touch();
+}
+
+// All lengths of the page have one unit.
+function useMetres(isInMetres) {
+  const before = app.signals;
+  app.isInMetres = isInMetres;
+  app.signals = Object.fromEntries(app.head.signals.map((signal) => [signal.name, inUnit(signal, isInMetres)]));
+  charts.rescale((name) => app.signals[name].scale / (before[name] ?? app.signals[name]).scale);
+}
+
+function chooseUnit(nowS) {
+  const isFar = app.lanes.some((rows) => rows.value("peak_m", nowS) >= METRES_FROM_M);
+  if (app.isInMetres === (isFar || app.isDriven)) return;
+  useMetres(!app.isInMetres);
+  for (const part of [charts, figures]) part.build();
+}
+
+// A car of ours that is lost is put back, once.
+function putBack(lanes) {
+  lanes.forEach(({ lost }, lane) => {
+    if (lost === Boolean(app.lost[lane])) return;
+    app.lost[lane] = lost;
+    if (!lost || !app.head.is_own) return;
+    if (app.isDriven) drive.lose();
+    else toast(`${app.head.lanes[lane].label} has lost the path: it is put back to its start`);
+    app.wish({ do: "process", lane, program: "plant", action: "put_back" });
+  });
 }
 
 function buildControls() {
   const { head } = app;
   const listens = !head.may_control && element("div", { className: "group" }, element("p", { className: "note" }, "This page only listens: --allow-control lets it send."));
-  byId("controls").replaceChildren(...[listens, head.is_own && setup.scenarios(), ...network.build(!head.may_control), head.is_own && setup.programs(), setup.recording()].filter(Boolean));
+  byId("controls").replaceChildren(...[listens, head.is_own && setup.scenarios(), ...network.build(!head.may_control), setup.recording(), head.is_own && setup.programs()].filter(Boolean));
 }
 
 function drawStatus() {
@@ -63,6 +91,7 @@ function drawStatus() {
   const failure = status.lanes.map((lane) => lane.failure).find(Boolean);
   setText(byId("connection"), failure || (status.busy && `${status.busy} …`) || "");
   if (!app.lanes.length) return;
+  if (!app.player) putBack(status.lanes);
   lights.draw(status.lanes.map((lane) => lane.lights));
   frames.draw(status.lanes[app.lane]?.frames);
   setup.draw(status);
@@ -86,7 +115,9 @@ function frame(now) {
   app.player?.advance(elapsedS);
   drive.step(elapsedS, now);
   if (app.hasMoved && app.lanes.length) {
-    const { nowS, isTouched } = app;
+    const { nowS } = app;
+    if (Math.abs(nowS - readS) >= READ_S) chooseUnit(nowS);
+    const { isTouched } = app;
     app.hasMoved = app.isTouched = false;
     scene.draw(nowS);
     if (!byId("charts").hidden && (isTouched || charts.isDue(nowS))) charts.draw(nowS);
@@ -101,6 +132,9 @@ function frame(now) {
       drawStatus();
     }
     app.drawn++;
+  } else if (app.isTouched) {
+    app.isTouched = false;
+    scene.drawNothing(app.head?.is_own ? "the programs are starting" : "");
   }
   requestAnimationFrame(frame);
 }
@@ -118,6 +152,7 @@ function startLive() {
       take(head);
       const names = head.signals.map((signal) => signal.name);
       app.lanes = head.lanes.map(() => Rows.live(names, head.row_period_s));
+      app.lost = [];
       build();
       buildControls();
       drive.build();

@@ -1,6 +1,6 @@
 // What is read rather than seen: figures, lights with their causes, the list of frames.
 
-import { colour } from "cockpit/theme.js";
+import { asFill, lawLine } from "cockpit/theme.js";
 import { byId, element, pressed, setText, shown } from "cockpit/words.js";
 
 const SIGNS = { good: "✓", notice: "▲", bad: "✕", off: "○" };
@@ -19,10 +19,10 @@ export class Figures {
     this.cells = head.lanes.map(() => head.figures.map(() => element("span")));
     const lines = head.lanes.map((lane, index) => {
       const swatch = element("span", { className: "swatch" });
-      swatch.style.borderColor = colour(`lane-${index}`);
+      swatch.style.background = asFill(lawLine(lane));
       const who = several ? [element("td", { className: "who" }, swatch, lane.label)] : [];
       const cells = head.figures.map((figure, at) =>
-        element("td", { title: figure.explanation, "data-label": figure.label }, this.cells[index][at], several ? "" : element("small", {}, signals[figure.signal].unit)));
+        element("td", { title: figure.explanation, "data-label": several ? names[at].textContent : figure.label }, this.cells[index][at], several ? "" : element("small", {}, signals[figure.signal].unit)));
       return element("tr", {}, ...who, ...cells);
     });
     const first = several ? [element("th", {}, "")] : [];

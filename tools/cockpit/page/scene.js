@@ -1,7 +1,7 @@
 // The vehicle from above on its path, to scale; the path's direction at the vehicle is to the right.
 
-import { colour } from "cockpit/theme.js";
-import { byId, fixed, pressed, setText } from "cockpit/words.js";
+import { colour, lawLine } from "cockpit/theme.js";
+import { byId, length, pressed, setText } from "cockpit/words.js";
 import { drawGhost, nameGhost } from "cockpit/ghost.js";
 import { drawSteer, drawVehicle, write } from "cockpit/vehicle.js";
 
@@ -31,9 +31,14 @@ export class Scene {
 
   toggleFactor() {
     this.factor = this.factor === 1 ? 10 : 1;
-    pressed(byId("deviation"), this.factor === 10);
-    setText(byId("deviation"), `Deviation ×${this.factor}`);
     this.app.touch();
+  }
+
+  // The button tells what is drawn, which is not always what was asked for.
+  tellFactor(factor) {
+    pressed(byId("deviation"), factor > 1);
+    setText(byId("deviation"), `Deviation ×${factor}`);
+    byId("deviation").disabled = this.app.isDriven;
   }
 
   toggleWhole() {
@@ -55,12 +60,19 @@ export class Scene {
     this.app.touch();
   }
 
-  draw(nowS) {
+  drawNothing(why) {
     const pen = this.canvas.getContext("2d");
     const ratio = devicePixelRatio || 1;
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.fillStyle = colour("ground");
     pen.fillRect(0, 0, this.canvas.clientWidth, this.canvas.clientHeight);
+    if (why) say(pen, this.canvas.clientWidth, this.canvas.clientHeight, why);
+    return pen;
+  }
+
+  draw(nowS) {
+    const pen = this.drawNothing("");
+    let drawn = 1;
     const places = viewports(this.app.lanes.length, this.canvas.clientWidth, this.canvas.clientHeight);
     places.forEach((place, lane) => {
       pen.save();
@@ -68,15 +80,17 @@ export class Scene {
       pen.rect(place.x, place.y, place.width, place.height);
       pen.clip();
       pen.translate(place.x, place.y);
-      this.drawLane(pen, place, lane, nowS);
+      drawn = Math.max(drawn, this.drawLane(pen, place, lane, nowS));
       pen.restore();
     });
+    this.tellFactor(drawn);
   }
 
+  // Returns how much the deviation is magnified.
   drawLane(pen, place, lane, nowS) {
     const rows = this.app.lanes[lane];
     const at = rows.indexAt(nowS);
-    if (at < 0) return;
+    if (at < 0) return 1;
     const facts = this.app.head.lanes[lane];
     const factor = this.factorAt(rows, at, nowS);
     const state = stateAt(rows, at, factor, facts.preview_m);
@@ -90,17 +104,23 @@ export class Scene {
     if (!this.isWhole) drawGrid(pen, camera, this.reach(camera, place));
     drawPath(pen, camera, this.reach(camera, place), facts, rows, at);
     drawTrail(pen, rows, at, nowS - TRAIL_S, factor);
-    ink(pen, colour(`lane-${lane}`), 2 / camera.scale);
+    inkAs(pen, lawLine(facts), 2 / camera.scale);
     drawGhost(pen, facts, rows, at, factor, state);
-    drawVehicle(pen, facts, state, this.isWhole ? 3 : 1);
-    drawDeviation(pen, camera, state);
+    // A car that has not begun stands at the start of its path; one that is out of sight is not drawn.
+    const last = Number.isFinite(state.error) ? undefined : rows.columns.lateral_error_m.subarray(0, at).findLast(Number.isFinite);
+    if (last === undefined) {
+      drawVehicle(pen, facts, state, this.isWhole ? 3 : 1);
+      drawDeviation(pen, camera, state);
+    }
     pen.restore();
+    if (last !== undefined) say(pen, place.width, place.height, `no measurement; the car was last ${length(last, this.app.isInMetres)} off the path`);
     this.drawLabels(pen, place, camera, lane, state);
     pen.fillStyle = colour("dim");
     const y = this.app.lanes.length > 1 ? 38 : 18; // below the name of the lane
-    const why = this.app.isDriven ? "" : `: it was beyond ${FAR_M} m`;
+    const why = this.app.isDriven ? "" : `: was beyond ${length(FAR_M, this.app.isInMetres)}`;
     write(pen, `deviation ×${factor}${factor < this.factor ? why : ""}`, 12, y);
     nameGhost(pen, rows, at);
+    return factor;
   }
 
   // Magnified, a car that was far off would leave the picture with its road.
@@ -129,16 +149,19 @@ export class Scene {
     if (this.app.lanes.length > 1) {
       pen.strokeStyle = colour("line");
       pen.strokeRect(0.5, 0.5, place.width, place.height);
-      pen.fillStyle = colour(`lane-${lane}`);
+      const facts = this.app.head.lanes[lane];
+      trace(pen, [[place.width - 44, 16], [place.width - 10, 16]]);
+      inkAs(pen, lawLine(facts), 3);
+      pen.fillStyle = colour("text");
       pen.textAlign = "right";
-      write(pen, this.app.head.lanes[lane].label, place.width - 10, 20);
+      write(pen, facts.label, place.width - 52, 20);
       pen.textAlign = "left";
     }
     drawScale(pen, place, camera);
     if (!this.isWhole) drawSteer(pen, place, state, this.app.lanes.length > 1);
-    const off = Number.isFinite(state.error) ? `${fixed(1000 * state.error, 1)} mm` : "no measurement";
     pen.fillStyle = colour("text");
-    if (!this.isWhole) {
+    if (!this.isWhole && Number.isFinite(state.error)) {
+      const off = `preview ${length(state.error, this.app.isInMetres)}`;
       const tip = onScreen(camera, state.previewX, state.previewY);
       // Above the car where the scale of the steering would lie over it.
       const isAbove = state.error > 0 || this.app.lanes.length > 1;
@@ -178,7 +201,10 @@ function drawTrail(pen, rows, at, fromS, factor) {
   const first = Math.max(rows.indexAt(fromS), 0);
   pen.beginPath();
   for (let index = first - (first % TRAIL_ROWS); index <= at; index += TRAIL_ROWS) {
-    if (!Number.isFinite(error[index])) continue;
+    if (!Number.isFinite(error[index])) {
+      pen.beginPath(); // what was before is not the way of a car that was put back
+      continue;
+    }
     const off = factor * error[index];
     pen.lineTo(x[index] - off * Math.sin(heading[index]), y[index] + off * Math.cos(heading[index]));
   }
@@ -255,6 +281,22 @@ function ink(pen, style, width) {
   pen.strokeStyle = style;
   pen.lineWidth = width;
   pen.stroke();
+}
+
+// The line of a law.
+function inkAs(pen, { ink: style, dash }, width) {
+  pen.setLineDash(dash.map((part) => (part * width) / 1.5));
+  ink(pen, style, width);
+  pen.setLineDash([]);
+}
+
+// Words in the middle of a picture.
+function say(pen, width, height, text) {
+  pen.font = "14px system-ui, sans-serif";
+  pen.textAlign = "center";
+  pen.fillStyle = colour("text");
+  write(pen, text, width / 2, height / 2 - 40);
+  pen.textAlign = "left";
 }
 
 function drawDeviation(pen, camera, state) {

@@ -9,11 +9,14 @@ export class Setup {
 
   scenarios() {
     const { scenario, choices } = this.app.head;
-    const buttons = choices.scenarios.map((one) =>
-      element("button", { type: "button", className: "scenario", title: one.note, ariaPressed: String(one.title === scenario?.title), onclick: () => this.start(one) }, one.title));
+    const titles = [...new Set([...choices.scenarios.map((one) => one.title), scenario?.title].filter(Boolean))];
+    const preset = element("select", { id: "preset", ariaLabel: "preset" }, ...titles.map((title) => element("option", { value: title, selected: title === scenario?.title }, title)));
+    const chosen = () => choices.scenarios.find((one) => one.title === preset.value) ?? scenario;
+    const go = element("button", { type: "button", id: "start", className: "primary", onclick: () => this.start(chosen()) }, "Start");
     const note = element("p", { className: "note" }, scenario?.note ?? "");
     const own = element("details", {}, element("summary", {}, "Choose law, vehicle, path …"), this.form());
-    return element("div", { className: "group" }, element("h2", {}, "Start again"), ...buttons, note, own);
+    preset.onchange = () => setText(note, chosen().note);
+    return element("div", { className: "group" }, element("h2", {}, "What drives"), element("div", { className: "preset" }, preset, go), note, own);
   }
 
   start(scenario) {
@@ -58,7 +61,8 @@ export class Setup {
     const several = this.app.head.lanes.length > 1;
     const buttons = { kill: button("Kill", "kill"), pause: button("Pause", "pause"), resume: button("Resume", "resume"), restart: button("Restart", "restart") };
     const box = element("span", { className: "row" }, ...Object.values(buttons));
-    return { state, by: buttons, buttons: box, label: element("span", {}, several ? `${index + 1} ` : "", lane.label === "hand" && program === "controller" ? "hand " : `${program} `, element("br"), state), lane: index, program };
+    const name = lane.label === "hand" && program === "controller" ? "hand" : program;
+    return { state, by: buttons, buttons: box, label: element("span", {}, several ? `${index + 1} ${name}` : name, element("br"), state), lane: index, program };
   }
 
   recording() {
@@ -76,6 +80,7 @@ export class Setup {
     for (const row of this.rows ?? []) {
       const state = status.programs[row.lane]?.[row.program] ?? "ended";
       setText(row.state, state);
+      row.label.hidden = row.buttons.hidden = row.lane !== this.app.lane;
       const isGone = state.startsWith("ended");
       row.state.classList.toggle("gone", isGone || state === "paused");
       row.by.kill.hidden = row.by.pause.hidden = isGone;

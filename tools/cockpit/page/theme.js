@@ -51,5 +51,17 @@ export function startTheme(changed) {
   return toggle;
 }
 
-// Lines of lanes and signals differ by dashes too, not by colour alone.
-export const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3]];
+const WIDTH_PX = 1.5; // of a line, to which the dashes of a law are
+
+// Colour and dash of the law of a lane, as in all pictures; what is black there is the ink of the text.
+export function lawLine({ line: [ink, dash] }) {
+  return { ink: ink === "#000000" ? colour("text") : ink, dash: dash.map((part) => WIDTH_PX * part) };
+}
+
+// The same line as a background.
+export function asFill({ ink, dash }) {
+  if (!dash.length) return ink;
+  let at = 0;
+  const parts = dash.map((part, index) => `${index % 2 ? "transparent" : ink} ${at}px ${(at += part)}px`);
+  return `repeating-linear-gradient(90deg, ${parts})`;
+}

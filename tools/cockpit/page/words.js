@@ -26,6 +26,16 @@ export function fixed(value, digits) {
   return value.toFixed(Math.abs(value) < 1000 ? digits : 0).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
 }
 
+// Lengths are in mm, or all of them in m: the figures of a signal, as they came, in one of the two.
+export function inUnit(signal, isInMetres) {
+  return isInMetres && signal.unit === "mm" ? { ...signal, unit: "m", scale: 1, digits: 2 } : signal;
+}
+
+// A length with its unit, in one of the two.
+export function length(valueM, isInMetres) {
+  return isInMetres ? `${fixed(valueM, 2)}\u00a0m` : `${fixed(1000 * valueM, 1)}\u00a0mm`;
+}
+
 export function pressed(button, isPressed) {
   button.setAttribute("aria-pressed", String(isPressed));
 }
