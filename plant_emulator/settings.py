@@ -17,7 +17,8 @@ from .faults.settings import FAULTS_MAX, FaultSettings
 from .network.settings import BothLatencySettings, find_latency_model
 from .path.corridor import CORRIDOR_M
 from .path.settings import CorridorSettings, EllipseSettings, PathSettings, find_path_model
-from .sensors.settings import PathAheadSettings, SensorNoiseSettings
+from .sensors.settings import PathAheadSettings, SensorNoiseSettings, SteeringForceSettings
+from .steering.hand_wheel import HandWheelSettings
 from .steering.settings import SafetySettings, resync_ns_of
 from .vehicle.car.settings import CarSettings
 from .vehicle.motion_parameters import motion_params
@@ -67,6 +68,10 @@ class PlantSettings(Settings):
     at the preview point."""
     ground_truth: bool = False
     """Whether GROUND_TRUTH is sent with each sample, for monitors and logs."""
+    steering_force: SteeringForceSettings | None = None
+    """Send STEERING_FORCE; if omitted, no one is told the force on the rack."""
+    hand_wheel: HandWheelSettings | None = None
+    """Follow HAND_WHEEL_STATE while the driver steers; if omitted, only commands steer."""
     latency: BothLatencySettings = BothLatencySettings()
     interventions: Literal["allow", "refuse"] = "refuse"
     """Whether tools on the bus may change latency and disturbance during the run, by LATENCY_CONFIG

@@ -2,12 +2,22 @@
 
 import math
 
-from ...dbc.messages import Direction, LatencyChange, SteeringCommand, SteeringPlan
+from ...dbc.messages import (
+    Direction,
+    HandWheelFeedback,
+    HandWheelState,
+    LatencyChange,
+    SteeringCommand,
+    SteeringPlan,
+)
 from ...runtime.frame import Frame
 from .latency_distributions import Distribution
 from .latency_line import LatencyLine
 from .random_streams import Stream, uniforms
 from .settings import BothLatencySettings
+
+DownlinkMessage = SteeringCommand | SteeringPlan | HandWheelState | HandWheelFeedback
+"""Commands, and what the hand wheel and the controller say of the driver."""
 
 
 class Network:
@@ -18,7 +28,7 @@ class Network:
     """
 
     def __init__(self, latency: BothLatencySettings, seed: int) -> None:
-        self.downlink: LatencyLine[SteeringCommand | SteeringPlan] = LatencyLine(
+        self.downlink: LatencyLine[DownlinkMessage] = LatencyLine(
             latency.downlink,
             uniforms(seed, Stream.DOWNLINK),
             uniforms(seed, Stream.DOWNLINK_DUPLICATES),

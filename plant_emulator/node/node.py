@@ -32,6 +32,8 @@ from ...dbc.messages import (
     CAN_IDS,
     OTHER_REVISION_TEXT,
     DisturbanceChange,
+    HandWheelFeedback,
+    HandWheelState,
     LatencyChange,
     Message,
     Mode,
@@ -40,11 +42,12 @@ from ...dbc.messages import (
     SpeedRequest,
     SteeringCommand,
     SteeringPlan,
+    SteeringStatusCode,
     sent_by,
 )
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS, NS_PER_S, View
+from ...runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S, View
 from ...runtime.node.periodic import PeriodicTimer
 from ..evaluation.report_in_json import line_report, motion_report, reception_report
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
@@ -54,10 +57,12 @@ from ..path.path import Path
 from ..sensors.sampling import Sampling
 from ..settings import PlantSettings, plant_motion_params
 from ..steering.control_unit import SteeringUnit
+from ..steering.hand_wheel import HandWheelLink
 from ..steering.hold_and_fallback import GuardMode
 from ..steering.plan_buffer import PlanBuffer
 from ..steering.settings import design_guard
 from ..vehicle.exact_propagation import DELTA
+from ..vehicle.motion_parameters import vehicle_params
 from ..vehicle.moving_vehicle import AnyMotionParams
 from ..vehicle.plugin_equations import make_motion
 from .disturbances_set_by_tools import LiveDisturbances
@@ -80,6 +85,8 @@ RECEIVED: tuple[type[Message], ...] = (
     *get_args(DisturbanceChange),
 )
 """What the plant receives."""
+OF_HAND_WHEEL: tuple[type[Message], ...] = (HandWheelState, HandWheelFeedback)
+"""What it receives as well where a hand wheel may steer."""
 SENT = sent_by("PLANT")
 """What the plant alone sends."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
@@ -127,7 +134,14 @@ class PlantNode:
         self._status_timing = PlantStatusTiming(start_ns)
         self.deadline_ns = start_ns
         self._network = Network(settings.latency, settings.seed)
-        self._reception = Reception(RECEIVED, settings.counters, SENT)
+        received = RECEIVED if settings.hand_wheel is None else (*RECEIVED, *OF_HAND_WHEEL)
+        self._reception = Reception(received, settings.counters, SENT)
+        self._hand_wheel = HandWheelLink(settings.hand_wheel)
+        force = settings.steering_force
+        self._force_timer = (
+            None if force is None else PeriodicTimer(start_ns, round(force.period_ms * NS_PER_MS))
+        )
+        self._vehicle = vehicle_params(settings.vehicle)
         self._reception.is_silent = settings.safety.second_sender == "silent"
         self.interventions = Interventions(settings)
         self._unauthenticated = 0
@@ -178,9 +192,13 @@ class PlantNode:
                 self.motion_start_ns = now_ns
             # A plan and a command take each other's place, so they are one stream of frames.
             self._network.downlink.push([(_COMMAND_ID, received)], now_ns, self._motion_ns(now_ns))
-            due_ns = self._network.downlink.next_due_ns
-            if due_ns < self.deadline_ns:
-                self.deadline_ns = due_ns
+            self._await_downlink()
+        elif isinstance(received, HandWheelState | HandWheelFeedback):
+            if self.motion_start_ns == NEVER_NS and isinstance(received, HandWheelState):
+                self.motion_start_ns = now_ns
+            keyed = [(frame.can_id, received)]
+            self._network.downlink.push(keyed, now_ns, self._motion_ns(now_ns))
+            self._await_downlink()
         elif isinstance(received, SpeedRequest):
             # It acts once all that is due before has happened.
             self._asked_speed_m_s = received.speed_max_m_s
@@ -197,6 +215,11 @@ class PlantNode:
             self._unit.on_rejection()
         return ()
 
+    def _await_downlink(self) -> None:
+        due_ns = self._network.downlink.next_due_ns
+        if due_ns < self.deadline_ns:
+            self.deadline_ns = due_ns
+
     def on_unauthenticated(self) -> None:
         """Count a frame that was refused before the node."""
         self._unauthenticated += 1
@@ -206,6 +229,7 @@ class PlantNode:
         frames: list[Frame] = []
         downlink, uplink = self._network.downlink, self._network.uplink
         unit, status_timing, sensor_timer = self._unit, self._status_timing, self._sensor_timer
+        force_timer = self._force_timer
         while True:
             command_ns = downlink.next_due_ns
             sample_ns = sensor_timer.deadline_ns
@@ -221,6 +245,8 @@ class PlantNode:
                 due_ns = sample_ns
             if measured_ns < due_ns:
                 due_ns = measured_ns
+            if force_timer is not None and force_timer.deadline_ns < due_ns:
+                due_ns = force_timer.deadline_ns
             if due_ns > now_ns:
                 if self._live_disturbances.is_asked:
                     self._advance(now_ns)
@@ -243,6 +269,10 @@ class PlantNode:
                     frames.append(self._sampling.frames.ground_truth(motion_cg_m(self._motion)))
                 if uplink.next_due_ns == due_ns:
                     frames += self._network.measured(due_ns)
+            elif force_timer is not None and force_timer.deadline_ns == due_ns:
+                force_timer.advance(now_ns)
+                self._sense_force(due_ns)
+                continue
             elif measured_ns == due_ns:
                 frames += self._network.measured(due_ns)
                 continue  # the steering's status has not changed
@@ -348,6 +378,13 @@ class PlantNode:
         """Apply the commands that are due."""
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
             latency_s = (left_ns - came_ns) * 1e-9
+            if isinstance(released, HandWheelFeedback):
+                self._hand_wheel.on_feedback(released)
+                continue
+            if isinstance(released, HandWheelState):
+                if self._hand_wheel.driver_steers:
+                    self._steer(self._hand_wheel.steer_rad(released), due_ns)
+                continue
             command = self._plans.on_command(released, latency_s)
             if command is not None:  # a plan acts from the next sample on
                 self._follow(command, latency_s, due_ns)
@@ -355,13 +392,20 @@ class PlantNode:
     def _follow(
         self, command: SteeringCommand, latency_s: float, due_ns: int, *, is_new: bool = True
     ) -> None:
-        """Process a command at ``due_ns``."""
-        motion_ns, steer_rad = self._advance(due_ns), command.steer_rad
+        """Process a command at ``due_ns``; while the driver steers, it is echoed alone."""
+        is_echoed = self._hand_wheel.driver_steers
+        if is_echoed or self._steer(command.steer_rad, due_ns, is_new=is_new):
+            self._command, self._command_latency_s = command, latency_s
+
+    def _steer(self, steer_rad: float, due_ns: int, *, is_new: bool = True) -> bool:
+        """Let an angle pass the guard at ``due_ns``; returns whether it sets the target."""
+        motion_ns = self._advance(due_ns)
         if not math.isfinite(steer_rad):
             self._fail(NOT_FINITE_COMMAND, due_ns)
         elif self._unit.on_command(steer_rad, motion_ns, is_new=is_new):
             self._motion.command(self._unit.target_rad)
-            self._command, self._command_latency_s = command, latency_s
+            return True
+        return False
 
     def _guard(self, due_ns: int) -> None:
         """Let the control unit react to missing commands."""
@@ -392,7 +436,19 @@ class PlantNode:
             self.finished = True
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)
+        if self._hand_wheel.driver_steers and code is SteeringStatusCode.APPLYING:
+            code = SteeringStatusCode.LIMITED_BY_SAFETY  # the command is not what acts
         self._sampling.send(applied, code, time_ns, motion_ns)
+
+    def _sense_force(self, time_ns: int) -> None:
+        """Sample the force on the rack and put STEERING_FORCE into the uplink."""
+        motion_ns, table = self._advance(time_ns), self._settings.steering_force
+        if table is None:
+            return
+        # Caster and tyre turn the wheels out of the turn, so the rack is pushed to the other side.
+        force_n = -self._motion.front_lateral_n(self._vehicle) * table.trail_m / table.arm_m
+        frame = self._sampling.frames.steering_force(self._unit.target_rad, force_n)
+        self._network.uplink.push([(frame.can_id, frame)], time_ns, motion_ns)
 
     def _status_frame(self, safety: SafetyState, now_ns: int) -> Frame:
         """Return PLANT_STATUS."""

@@ -11,6 +11,7 @@ from ...dbc.messages import (
     PathAhead,
     Sender,
     SignalRange,
+    SteeringForce,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
@@ -24,6 +25,8 @@ _WHEEL_LOW_RAD, _WHEEL_HIGH_RAD = _WHEEL_RANGE
 _SPEED_RANGE = limits(VehicleState)["speed_m_s"]
 _YAW_RATE_RANGE = limits(VehicleState)["yaw_rate_rad_s"]
 _CURVATURE_RANGE = limits(VehicleState)["preview_curvature_1_m"]
+_COMMAND_RANGE = limits(SteeringForce)["limited_command_rad"]
+_FORCE_RANGE = limits(SteeringForce)["rack_force_n"]
 _CG_RANGE = limits(GroundTruth)["cg_deviation_m"]
 _NO_ERROR = LateralError(lateral_error_m=0.0, heading_error_rad=0.0)
 
@@ -37,7 +40,7 @@ class SensorFrames:
 
     def __init__(self) -> None:
         self._errors, self._statuses = Sender(LateralError), Sender(SteeringStatus)
-        self._states = Sender(VehicleState)
+        self._states, self._forces = Sender(VehicleState), Sender(SteeringForce)
         self._paths, self._truths = Sender(PathAhead), Sender(GroundTruth)
         self.not_available = 0
         self.clamped = 0
@@ -74,6 +77,14 @@ class SensorFrames:
             preview_curvature_1_m=self._clamp(curvature_1_m, _CURVATURE_RANGE),
         )
         return self._states.frame(state)
+
+    def steering_force(self, command_rad: float, rack_force_n: float) -> Frame:
+        """Return STEERING_FORCE; the command is that after the limits."""
+        force = SteeringForce(
+            limited_command_rad=self._clamp(command_rad, _COMMAND_RANGE),
+            rack_force_n=self._clamp(rack_force_n, _FORCE_RANGE),
+        )
+        return self._forces.frame(force)
 
     def ground_truth(self, cg_m: float) -> Frame:
         """Return GROUND_TRUTH; ``cg_m`` is the deviation of the centre of gravity."""

@@ -28,6 +28,8 @@ class DisturbanceInterval(NamedTuple):
     yaw_disturbance_rad_s2: float
     """wr."""
     friction: float
+    steering_offset_rad: float
+    """Already in wβ and wr."""
 
 
 class Load(NamedTuple):
@@ -71,4 +73,5 @@ def disturbance_interval(
         + float(b[0, 0]) * load.steering_offset_rad,
         yaw_moment / vehicle.yaw_inertia_kg_m2 + float(b[1, 0]) * load.steering_offset_rad,
         load.friction,
+        load.steering_offset_rad,
     )

@@ -13,6 +13,7 @@ from .car.car_motion import (
     advance_car,
     command_car,
     disturb_car,
+    front_lateral_of_car_n,
     interval_end_ns_of,
     is_car_limited,
     limit_car,
@@ -24,9 +25,11 @@ from .motion_events import (
     command_motion,
     disturb_motion,
     event_ns_of,
+    interval_of,
     start_motion,
 )
 from .motion_parameters import MotionParams
+from .single_track_model import VehicleParams, front_slip_rad
 
 
 class MotionSteps(NamedTuple):
@@ -40,6 +43,7 @@ class MotionSteps(NamedTuple):
     ``place(params, state)``           arc length beside the preview point [m], and speed [m/s]
     ``event_ns(state)``                when the inputs change next, for the interval of params
     ``is_limited(state)``              whether a limit of the actuator shapes the wheel's motion
+    ``front_lateral_n(params, state, vehicle)``  lateral force of the front axle, left positive [N]
     """
 
     start: Callable[..., Any]
@@ -50,6 +54,7 @@ class MotionSteps(NamedTuple):
     place: Callable[..., Any]
     event_ns: Callable[..., Any]
     is_limited: Callable[..., Any]
+    front_lateral_n: Callable[..., Any]
 
 
 def place_of_linear(p: MotionParams, x: Any) -> tuple[float, float]:
@@ -67,6 +72,14 @@ def _is_linear_limited(x: Any) -> bool:
     return is_limited(wheel)
 
 
+def _front_lateral_of_linear_n(p: MotionParams, x: Any, vehicle: VehicleParams) -> float:
+    """Return the force by the vehicle's cornering stiffness, at the present friction."""
+    _, (beta, r, _, _, wheel_rad, _, _, _, _, _), _ = x
+    now = p.intervals[interval_of(x)]
+    slip_rad = front_slip_rad(vehicle, wheel_rad + now.steering_offset_rad, beta, r)
+    return now.friction * vehicle.front_cornering_stiffness_n_rad * slip_rad
+
+
 MOTIONS: dict[type, MotionSteps] = {
     MotionParams: MotionSteps(
         start_motion,
@@ -77,6 +90,7 @@ MOTIONS: dict[type, MotionSteps] = {
         place_of_linear,
         event_ns_of,
         _is_linear_limited,
+        _front_lateral_of_linear_n,
     ),
     CarMotionParams: MotionSteps(
         start_car,
@@ -87,6 +101,7 @@ MOTIONS: dict[type, MotionSteps] = {
         place_of_car,
         interval_end_ns_of,
         is_car_limited,
+        front_lateral_of_car_n,
     ),
 }
 """By the type of the params."""

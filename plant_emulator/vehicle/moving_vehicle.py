@@ -11,6 +11,7 @@ from .exact_propagation import BETA, DELTA, PSI, RHO, LinearState, R, Y
 from .motion_choice import MOTIONS
 from .motion_events import MotionState, with_vehicle
 from .motion_parameters import MotionParams
+from .single_track_model import VehicleParams
 
 LARGEST = 1e150
 """A larger state counts as infinite, because figures of a run take its square."""
@@ -125,6 +126,10 @@ class Motion:
     def is_limited(self) -> bool:
         """Whether the actuator's angle or rate limit shapes the wheel's motion."""
         return bool(self._steps.is_limited(self._state))
+
+    def front_lateral_n(self, vehicle: VehicleParams) -> float:
+        """Lateral force of the front axle, to the left positive; ``vehicle`` is the settings'."""
+        return float(self._steps.front_lateral_n(self._params, self._state, vehicle))
 
     @property
     def place(self) -> tuple[float, float]:

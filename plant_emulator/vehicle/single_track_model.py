@@ -84,6 +84,11 @@ def state_matrices(p: VehicleParams) -> StateMatrices:
     return StateMatrices(np.array(a), np.array(b))
 
 
+def front_slip_rad(p: VehicleParams, wheel_rad: float, beta: float, r: float) -> float:
+    """Return the slip angle of the front tyres, δ - β - l_f r/V: their lateral force over c_f."""
+    return wheel_rad - beta - p.front_axle_distance_m * r / p.speed_m_s
+
+
 def on_friction(p: VehicleParams, friction: float) -> VehicleParams:
     """Return the vehicle on a road whose friction is ``friction`` times that of ``p``.
 

@@ -123,7 +123,7 @@ def test_everything_has_a_comment() -> None:
         ("SHARP_PATH", 0x138, "PLANT", {"CONTROLLER"}, None),
         ("PATH_AHEAD", 0x140, "PLANT", {"CONTROLLER"}, None),
         ("HAND_WHEEL_STATE", 0x180, "HAND_WHEEL", {"CONTROLLER", "PLANT"}, None),
-        ("HAND_WHEEL_FEEDBACK", 0x190, "CONTROLLER", {"HAND_WHEEL"}, None),
+        ("HAND_WHEEL_FEEDBACK", 0x190, "CONTROLLER", {"HAND_WHEEL", "PLANT"}, None),
         ("CONTROLLER_STATUS", 0x300, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("CONTROLLER_SAFETY", 0x304, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("DELAY_STATUS", 0x308, "CONTROLLER", {"PLANT", "TOOL"}, 100),

@@ -220,6 +220,12 @@ def interval_end_ns_of(x: CarMotionState) -> int:
     return interval_end_ns
 
 
+def front_lateral_of_car_n(_p: CarMotionParams, x: CarMotionState, _vehicle: Any) -> float:
+    """Return the lateral force of the front axle, to the left positive [N]."""
+    _, _, (_, _, now, _, _, _) = x
+    return now.car.front_lateral_n
+
+
 def is_car_limited(x: CarMotionState) -> bool:
     """Return whether a limit of the actuator shapes the wheel's motion now."""
     _, _, (_, _, now, _, _, _) = x
