@@ -74,7 +74,6 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "generate-c": Program("tools.generate_c.__main__", "a controller as C99"),
             "study": _tool("study", "thousands of runs over latency, jitter, laws and vehicles"),
             "paper": _tool("paper", "the paper's figures and tables, reproduced"),
-            "faults": _tool("faults", "faults injected into a live bus"),
         },
         "This machine": {
             "doctor": _tool("doctor", "what this machine has for CAN; which rate it can keep"),

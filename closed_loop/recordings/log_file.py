@@ -1,17 +1,14 @@
-"""A log file, by its suffix: .asc, .blf, .csv, .db, .mf4 or .trc; each other as text of candump.
+"""A log file, by its suffix: .asc, .blf, .csv, .mf4 or .trc; each other as text of candump.
 
 What cannot be read is counted and costs nothing else. A killed writer leaves a last line without
 its line end. That line is dropped: half a payload would read as a whole frame of a wrong length.
 """
 
 import gc
-import sqlite3
-import struct
 import sys
 import zlib
 from collections.abc import Callable, Generator, Iterator
 from importlib.util import find_spec
-from itertools import islice
 from pathlib import Path
 from traceback import clear_frames
 from typing import Any
@@ -23,15 +20,11 @@ from ...runtime.frame.message import frame_of
 from ...runtime.node import NS_PER_S
 from .blf_log import BlfLog
 from .candump_text import candump_reader
-from .log_state import LINE_LENGTH_MAX, LogError, Logged, LogState, NoFrameError, TextLines, logged
+from .log_state import LogError, Logged, LogState, NoFrameError, TextLines, logged
 from .text_formats import READERS, TrcReader
 
 _COMMENTS = ("#", ";", "//")
-_BINARY_SUFFIXES = {".blf", ".db", ".mf4"}
-
-
-_PAGES = struct.Struct(">16xH10xL")
-"""Size and number of the pages, in the header of a file of SQLite."""
+_BINARY_SUFFIXES = {".blf", ".mf4"}
 
 
 class LogFile:
@@ -73,7 +66,7 @@ def open_log(path: Path) -> LogFile:
             objects = BlfLog(path)
             return LogFile(objects, objects.frames())
         if suffix in _BINARY_SUFFIXES:
-            binary = _Database(path) if suffix == ".db" else _OfPythonCan(path)
+            binary = _OfPythonCan(path)
             return LogFile(binary, binary.frames())
         lines = TextLines(path)
     except (OSError, EOFError) as error:
@@ -106,7 +99,7 @@ class _OfPythonCan(LogState):
     """A log in a format of blocks that python-can reads, up to the first damaged one."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path)  # before sqlite, which would create a missing file
+        super().__init__(path)  # refuses a missing file
         self.close()
         try:
             self._reader: Any = can.LogReader(path)
@@ -144,49 +137,3 @@ class _OfPythonCan(LogState):
             self.count_unreadable(self.cut_off)
         finally:
             self._reader.stop()
-
-
-class _Database(LogState):
-    """A log of python-can's SqliteWriter: each row of its table is a frame, or is counted."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)  # before sqlite, which would create a missing file
-        header = self._raw.read(_PAGES.size).ljust(_PAGES.size, b"\0")
-        self.close()
-        page_size, pages = _PAGES.unpack(header)
-        whole_size = (1 << 16 if page_size == 1 else page_size) * pages
-        if whole_size > self._size:  # what is missing reads as zeros
-            cut = f"cut off: {self._size} of its {whole_size} bytes (sqlite3's .recover may help)"
-            raise LogError(f"{path}: no whole .db file: {cut}")
-        self._connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
-        self._connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LINE_LENGTH_MAX)
-        kinds = "SELECT type FROM sqlite_master WHERE name = 'messages' AND rootpage > 0"
-        try:
-            # A view can have no end, and sqlite then never returns.
-            if self._connection.execute(kinds).fetchone() != ("table",):
-                raise sqlite3.Error("it has no table messages, as python-can writes it")
-        except (sqlite3.Error, UnicodeDecodeError) as error:  # its text may be damaged too
-            self._connection.close()
-            raise LogError(f"{path}: no whole .db file: {one_line(error)}") from error
-
-    @property
-    def fraction_read(self) -> float | None:
-        """Not known."""
-        return None
-
-    def frames(self) -> Iterator[Logged]:
-        """Yield the frames; no more than the file has bytes, because damaged pages may repeat."""
-        try:
-            for row in islice(self._connection.execute("SELECT * FROM messages"), self._size):
-                try:
-                    message = can.SqliteReader._assemble_message(row)
-                    taken = logged(round(message.timestamp * NS_PER_S), "", frame_of(message))
-                except (ValueError, TypeError, OverflowError, AttributeError) as error:
-                    self.count_unreadable(f"no frame: {str(row)[:60]} ({one_line(error)})")
-                else:
-                    yield taken
-        except (sqlite3.Error, UnicodeDecodeError) as error:  # its text may be damaged too
-            self.cut_off = f"damaged: {one_line(error)}"
-            self.count_unreadable(self.cut_off)
-        finally:
-            self._connection.close()

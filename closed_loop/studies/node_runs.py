@@ -60,16 +60,11 @@ class Ran(NamedTuple):
 
 
 def run_on_nodes(
-    pair: Pair,
-    bus: BusSettings | None,
-    rules: VerdictRules,
-    row: FloatArray,
-    commands_max: int | None = None,
+    pair: Pair, bus: BusSettings | None, rules: VerdictRules, row: FloatArray
 ) -> RunEnd:
     """Write the results of one run into ``row``, shape (len(COLUMNS),).
 
-    ``bus``           None is a wire that takes no time
-    ``commands_max``  how many of the first commands count; all by default
+    ``bus``  None is a wire that takes no time
 
     The noise and the rest bus are drawn from the plant's seed. Raises SettingsError.
     """
@@ -83,7 +78,6 @@ def run_on_nodes(
         sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples])
     else:
         sent_rad = np.array(sent_on_bus_rad)
-    sent_rad = sent_rad[:commands_max]
     run_rules = rules_of(rules, pair.plant, pair.controller)
     figures = figures_of_trace(run_rules, pair.plant, plant.path, trace, samples, sent_rad)
     row[: len(figures)] = figures._replace(**reactions._asdict())

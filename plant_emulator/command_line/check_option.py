@@ -4,28 +4,13 @@ The text is a valid settings file: everything but the settings is a TOML comment
 """
 
 import math
-import re
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...dbc.messages import (
-    LateralError,
-    Message,
-    PlantStatus,
-    SteeringCommand,
-    SteeringStatus,
-    VehicleState,
-    limits,
-    resolutions,
-)
-from ...runtime.node import NS_PER_MS
 from ...runtime.settings.toml_text import dump_toml
-from ..network.settings import LatencySettings
-from ..node.plant_status import PERIOD_NS
 from ..path.path import Path
-from ..sensors.sampling import samples_per_vehicle_state
 from ..settings import PlantSettings, plant_motion_params
 from ..steering.safety_limiter import AVERAGING_S, Cause
 from ..steering.settings import design_guard
@@ -36,14 +21,13 @@ from ..vehicle.steady_turn import steady_steer_m, understeer_gradient_s2_m, whee
 
 _POINTS = 4000
 """Points of the path at which the demand is computed."""
-_SHOWN: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState, SteeringCommand)
 
 
 def check_text(settings: PlantSettings) -> str:
     """Return the settings and what follows from them; raises as they do."""
     params = plant_motion_params(settings)
-    comments = [*_vehicle(settings), "", *_path(settings, params), "", *_network(settings), ""]
-    lines = [f"# {comment}" if comment else "#" for comment in [*comments, *_wire(settings)]]
+    comments = [*_vehicle(settings), "", *_path(settings, params)]
+    lines = [f"# {comment}" if comment else "#" for comment in comments]
     return "\n".join([dump_toml(settings), *lines, ""])
 
 
@@ -124,46 +108,3 @@ def _curvature(path: Path, arc_m: NDArray[np.float64]) -> NDArray[np.float64]:
     piece = np.searchsorted(start_m, arc_m, side="right") - 1
     slope = np.asarray(path.curvature_slope_1_m2)[piece]
     return np.asarray(np.asarray(path.curvature_1_m)[piece] + slope * (arc_m - start_m[piece]))
-
-
-def _network(settings: PlantSettings) -> Iterator[str]:
-    yield "Latency of the emulated network:"
-    yield f"  commands     {_latency(settings.latency.downlink)}"
-    yield f"  measurements {_latency(settings.latency.uplink)}"
-
-
-def _latency(line: LatencySettings) -> str:
-    if line.trace_file is not None:
-        return f"as in {line.trace_file}"
-    if line.latencies_s:
-        return f"{len(line.latencies_s)} latencies, one after the other"
-    if line.schedule:
-        return f"a schedule of {len(line.schedule)} points"
-    p50_ms, p99_ms = (1e3 * line.quantile(u, line.mean_s, line.spread_s) for u in (0.5, 0.99))
-    return f"{line.model}, p50 {p50_ms:.4g} ms, p99 {p99_ms:.4g} ms, {100 * line.loss:g} % lost"
-
-
-def _wire(settings: PlantSettings) -> Iterator[str]:
-    sensor_ms = settings.sensor_period_ms
-    state_ms = sensor_ms * samples_per_vehicle_state(settings.sensor_period_ns)
-    sent: tuple[tuple[type[Message], float], ...] = (
-        (LateralError, sensor_ms),
-        (SteeringStatus, sensor_ms),
-        (VehicleState, state_ms),
-        (PlantStatus, PERIOD_NS / NS_PER_MS),
-    )
-    yield f"On the bus: {sum(1e3 / ms for _, ms in sent):.4g} frames/s:"
-    for message_type, period_ms in sent:
-        yield f"  {_name(message_type):16} every {period_ms:g} ms"
-    yield "Resolution and range of the signals:"
-    for message_type in _SHOWN:
-        ranges = limits(message_type)
-        for signal, step in resolutions(message_type).items():
-            if signal.endswith(("_m", "_rad", "_m_s", "_rad_s", "_1_m")):
-                low, high = ranges[signal].minimum, ranges[signal].maximum
-                yield f"  {_name(message_type):16} {signal:22} {step:.6g}, {low:g} to {high:g}"
-
-
-def _name(message_type: type[Message]) -> str:
-    """Return the name in the DBC."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", message_type.__name__).upper()

@@ -27,7 +27,7 @@ from steer_by_wire.tools.analyze.report import report_html
 from tests.fuzz.traffic import Choices, Sender
 from tests.support.frames.made_messages import command_of, error_of, message_with
 
-SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".db", ".log.gz", ".asc.gz", ".blf.gz")
+SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".log.gz", ".asc.gz", ".blf.gz")
 _STAMPS = (
     "0000000000.010000",
     "1436509052.249713",

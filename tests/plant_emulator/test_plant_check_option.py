@@ -56,16 +56,6 @@ def test_an_oversteering_vehicle_has_a_critical_speed(speed_m_s: float, verdict:
     assert verdict in line
 
 
-def test_latency_is_described_by_its_quantiles() -> None:
-    text = checked(
-        "latency.downlink.model=uniform",
-        "latency.downlink.mean_s=0.1",
-        "latency.downlink.spread_s=0.02",
-        "latency.downlink.loss=0.25",
-    )
-    assert "commands     uniform, p50 100 ms, p99 133.9 ms, 25 % lost" in text
-
-
 def test_the_program_checks_without_a_bus(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--check", "--interface", "socketcan", "--channel", "no_such"]) == 0
     printed = capsys.readouterr()

@@ -18,7 +18,6 @@ from ...runtime.exit_status import BusError
 from ...runtime.port.interface_choice import add_bus_arguments, choose_bus
 from ...runtime.port.python_can import check_openable
 from ...runtime.program.priority_and_memory_lock import RealTimeRequest, real_time
-from ...with_vcan import xstate
 from ...with_vcan.backend_choice import backends
 from ...with_vcan.request import Request, missing_programs
 
@@ -160,22 +159,7 @@ def _ways_to_vcan() -> list[Finding]:
     if not any(way.holds for way in ways):
         advice = "sudo apt-get install user-mode-linux kmod can-utils iproute2"
         ways[-1] = ways[-1]._replace(advice=advice)
-    return [*ways, find_uml_library()]
-
-
-def find_uml_library() -> Finding:
-    """Check whether User Mode Linux needs its library here, and has it."""
-    from ...with_vcan import uml
-
-    name = "uml's library"
-    if not xstate.is_needed(uml.cpuinfo()):
-        return Finding(name, True, "not needed: a processor without AMX")
-    if xstate.is_kept():
-        return Finding(name, True, f"for processors with AMX: {xstate.kept_file()}")
-    if missing := xstate.obstacle():
-        return Finding(name, False, missing, f"sudo apt-get install {xstate.PACKAGES}")
-    text = f"for processors with AMX: {xstate.COMPILER} compiles it when needed"
-    return Finding(name, True, text)
+    return ways
 
 
 def _choice() -> Finding:

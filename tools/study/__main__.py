@@ -54,7 +54,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed, for many machines"
     )
-    parser.add_argument("--replay", type=int, metavar="ID", help="repeat one run in virtual time")
+    parser.add_argument(
+        "--replay",
+        type=int,
+        metavar="ID",
+        help="write the settings of one run, and print the commands that run it again",
+    )
     options = parser.parse_args(arguments)
     if (options.study is not None) + options.list + (options.report is not None) != 1:
         parser.error("give one of STUDY, --list and --report DIR")

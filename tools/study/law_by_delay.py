@@ -15,10 +15,10 @@ from matplotlib.ticker import LogFormatter
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
 from ...closed_loop.reports.plot_style import law_styles
+from ...closed_loop.studies.result_files import are_numbers
 from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from .against_pd import three_digits
-from .axes import StudyAxes, same_levels
 
 CONDITIONS_MAX = 24
 """More tables than these would not be read."""
@@ -26,7 +26,7 @@ SHOWN_MAX = 8
 """Delays in a table; those between are in the picture."""
 CURVES_MAX = 8
 """Laws in the picture; ``[report]`` of the study chooses them."""
-_VEHICLE = "plant.vehicle."
+_LATENCY, _VEHICLE = "plant.latency.", "plant.vehicle."
 _TOP_M = 3.0
 """Largest error drawn."""
 
@@ -54,16 +54,16 @@ class LawByDelay(NamedTuple):
         return self.delays_ms[broken[0]] if len(broken) else None
 
 
-def law_by_delay(study: StudyRecord, rows: Rows, axes: StudyAxes) -> LawByDelay | None:
+def law_by_delay(study: StudyRecord, rows: Rows) -> LawByDelay | None:
     """Return the worst figures; None where no delay varies or there are too many conditions."""
-    mean = axes.mean.factor
-    if mean is None or not mean.labels:
+    mean = _mean_delay(study.factors)
+    if mean is None:
         return None
     factors = [factor for factor in study.factors if factor != mean and not _is_vehicle(factor)]
     if not all(factor.labels for factor in factors):
         return None
     names = [factor.name for factor in factors]
-    condition = same_levels(np.zeros(len(rows.id), dtype=np.int64), rows, names)
+    condition = _same_levels(rows, names)
     _, first = np.unique(condition, return_index=True)
     if len(first) > CONDITIONS_MAX:
         return None
@@ -72,9 +72,9 @@ def law_by_delay(study: StudyRecord, rows: Rows, axes: StudyAxes) -> LawByDelay 
     texts = [
         ", ".join(_level(name, rows.factors[name][row]) for name in names) for row in first[order]
     ]
-    delays = axes.mean.values
-    shape = (len(texts), len(study.names), len(delays))
-    cell = np.ravel_multi_index((condition, rows.controller, axes.mean.place), shape)
+    delays_s, place = np.unique(rows.factors[mean.name].astype(np.float64), return_inverse=True)
+    shape = (len(texts), len(study.names), len(delays_s))
+    cell = np.ravel_multi_index((condition, rows.controller, place), shape)
 
     def worst(values: FloatArray) -> FloatArray:
         return _worst(cell, values, shape)
@@ -82,7 +82,7 @@ def law_by_delay(study: StudyRecord, rows: Rows, axes: StudyAxes) -> LawByDelay 
     held = np.ones(shape, dtype=np.bool_)
     np.logical_and.at(held.reshape(-1), cell, rows.holds)
     return LawByDelay(
-        tuple(1e3 * delay_s for delay_s in delays),
+        tuple(1e3 * delay_s for delay_s in delays_s.tolist()),
         tuple(text or "all runs" for text in texts),
         study.names,
         worst(rows.settled_rms_m),
@@ -90,6 +90,28 @@ def law_by_delay(study: StudyRecord, rows: Rows, axes: StudyAxes) -> LawByDelay 
         worst(rows.peak_m),
         held,
     )
+
+
+def _mean_delay(factors: Sequence[FactorRecord]) -> FactorRecord | None:
+    """Return the factor of the mean latency, of the downlink if both directions vary apart."""
+    found = [
+        factor
+        for factor in factors
+        if factor.labels
+        and are_numbers(factor.labels)  # names have no place on an axis
+        and all(key.startswith(_LATENCY) and key.endswith(".mean_s") for key in factor.keys)
+    ]
+    found.sort(key=lambda factor: not any("downlink" in key for key in factor.keys))
+    return found[0] if found else None
+
+
+def _same_levels(rows: Rows, factors: Sequence[str]) -> IntArray:
+    """Return a number for each row, the same where the levels of factors are."""
+    key = np.zeros(len(rows.id), dtype=np.int64)
+    for name in factors:
+        _, place = np.unique(rows.factors[name], return_inverse=True)
+        _, key = np.unique(key * (int(place.max()) + 1) + place, return_inverse=True)
+    return np.asarray(key, dtype=np.int64)
 
 
 def _level(name: str, value: object) -> str:

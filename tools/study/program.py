@@ -19,7 +19,6 @@ from rich.progress import (
 
 from ...closed_loop.reports.terminal import plain_console
 from ...closed_loop.studies.compiled_figures import short_windows
-from ...closed_loop.studies.compiled_runs import Computer
 from ...closed_loop.studies.dask_workers import dask_workers
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.run_study import run_missing
@@ -29,10 +28,7 @@ from ...closed_loop.studies.workers import Workers, local_workers
 from ...runtime.exit_status import ExitStatus
 from ...runtime.input_file import read_bytes
 from ...runtime.program.stop_request import StopRequest
-from .repeated_runs import commands, replay, replay_lines
-
-DIFFERENT = 1
-"""Exit status of a replay whose figures differ from those stored."""
+from .repeated_runs import write_settings
 
 
 def run_study(options: argparse.Namespace) -> int:
@@ -52,7 +48,9 @@ def run_study(options: argparse.Namespace) -> int:
     stop = StopRequest()
     with stop.on_signals():
         if options.replay is not None:
-            return _replay(options.replay, console, store, Computer(scenarios))
+            for command in write_settings(scenarios, options.replay, store.folder):
+                console.print(f"again: {command}")
+            return ExitStatus.OK
         with _workers(options, scenarios, console) as workers:
             is_complete = _compute(console, store, workers, scenarios.study.runs, stop)
     if not is_complete:
@@ -117,21 +115,6 @@ def _compute(
     if done:
         console.print(f"{done:,} runs in {elapsed_s:,.1f} s")
     return is_complete
-
-
-def _replay(run: int, console: Console, store: Store, computer: Computer) -> int:
-    made = replay(store, computer, run)
-    for command in commands(made.pair, made.files):
-        console.print(f"again: {command}")
-    for line in replay_lines(made):
-        console.print(line)
-    if made.stored is None:
-        console.print(f"run {run} is not stored yet: computed now and compared")
-    if made.differences:
-        console.print(f"different: {', '.join(made.differences)}")
-        return DIFFERENT
-    console.print("every figure is the same to the last digit")
-    return ExitStatus.OK
 
 
 def _report(console: Console, folder: Path) -> None:

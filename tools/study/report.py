@@ -1,12 +1,11 @@
 """Writes the report of a study: pictures as PNG, and one page with all of them."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from ...closed_loop.reports.plot_style import plot_style, png_of
@@ -27,9 +26,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.output_file import write_file, write_text
 from ...runtime.settings import Settings
 from .against_pd import comparison_section
-from .axes import StudyAxes, study_axes
 from .fault_reactions import reaction_sections
-from .heat_maps import are_drawn, draw_rms, heat_maps, map_section
 from .law_by_delay import CURVES_MAX, draw_error_over_delay, law_by_delay, law_section
 from .worst_runs import worst_sections
 
@@ -43,12 +40,10 @@ def write(folder: Path) -> Path:
     """
     study = read_study(folder)
     rows = read_rows(study)
-    axes = study_axes(study, rows)
     sections = [
         study_section(study, rows),
         *reaction_sections(study, rows),
-        *_laws(study, rows, axes),
-        *_maps(study, rows, axes),
+        *_laws(study, rows),
         comparison_section(study, rows),
         *worst_sections(study, rows),
     ]
@@ -59,29 +54,16 @@ def write(folder: Path) -> Path:
     return file
 
 
-def _laws(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
-    found = law_by_delay(study, rows, axes)
+def _laws(study: StudyRecord, rows: Rows) -> list[Section]:
+    found = law_by_delay(study, rows)
     if found is None:
         return []
     names = (study.report.error_over_delay or found.controllers)[:CURVES_MAX]
     laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
-    picture = _save(study, "error_over_delay", lambda: draw_error_over_delay(found, names, laws))
-    return [law_section(found, [picture])]
-
-
-def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
-    if not are_drawn(axes):
-        return []
-    maps = heat_maps(rows, axes, len(study.names))
-    picture = _save(study, "heat_map_rms", lambda: draw_rms(maps, axes, study.names))
-    return [map_section(axes, picture)]
-
-
-def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:
     with plot_style():
-        png = png_of(draw())
-    write_file(study.folder / f"{name}.png", png)
-    return Picture(png, name.replace("_", " "))
+        png = png_of(draw_error_over_delay(found, names, laws))
+    write_file(study.folder / "error_over_delay.png", png)
+    return [law_section(found, [Picture(png, "error over delay")])]
 
 
 _LABELS_SHOWN = 16

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.tools.doctor import checks as doctor_checks
-from steer_by_wire.with_vcan import uml, xstate
+from steer_by_wire.with_vcan import xstate
 from steer_by_wire.with_vcan.request import BackendError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -114,34 +113,3 @@ def test_a_compiler_without_headers_is_reported_in_one_line(
     (line,) = str(refusal.value).splitlines()
     assert "no_such_header.h" in line
     assert "apt-get install gcc libc6-dev" in line
-
-
-@pytest.mark.parametrize(("content", "detail"), [(AVX512, "not needed"), (AMX, "gcc compiles it")])
-@needs_gcc
-def test_doctor_reports_whether_the_library_is_needed(
-    content: str, detail: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cpuinfo = tmp_path / "cpuinfo"
-    cpuinfo.write_text(content)
-    monkeypatch.setattr(uml, "CPUS", cpuinfo)
-    finding = doctor_checks.find_uml_library()
-    assert finding.holds
-    assert not finding.advice
-    assert detail in finding.figure
-    xstate.library()
-    kept = doctor_checks.find_uml_library()
-    assert kept.holds
-    assert (str(xstate.kept_file()) in kept.figure) is (content is AMX)
-
-
-def test_doctor_reports_that_gcc_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cpuinfo = tmp_path / "cpuinfo"
-    cpuinfo.write_text(AMX)
-    monkeypatch.setattr(uml, "CPUS", cpuinfo)
-    monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
-    finding = doctor_checks.find_uml_library()
-    assert not finding.holds
-    assert "no gcc" in finding.figure
-    assert finding.advice == "sudo apt-get install gcc libc6-dev"

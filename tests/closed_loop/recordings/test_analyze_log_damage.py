@@ -3,8 +3,6 @@
 import gzip
 import json
 import re
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 from random import Random
 
@@ -72,7 +70,7 @@ def test_a_damaged_line_is_counted_and_reported_and_costs_no_other(
 
 
 SHORT = [LogEntry(n * 10_000_000, "can0", Frame(0x100 + n, bytes([n] * 8))) for n in range(40)]
-COUNTED_ENDS = (".blf", ".db", ".log.gz")
+COUNTED_ENDS = (".blf", ".log.gz")
 """Formats that state their length."""
 
 
@@ -80,7 +78,7 @@ COUNTED_ENDS = (".blf", ".db", ".log.gz")
 def short(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Return a log of SHORT in each format."""
     folder = tmp_path_factory.mktemp("short")
-    suffixes = (".log", ".csv", ".trc", ".asc", ".blf", ".db")
+    suffixes = (".log", ".csv", ".trc", ".asc", ".blf")
     logs = {suffix: convert(SHORT, folder / f"whole{suffix}") for suffix in suffixes}
     packed = folder / "whole.log.gz"
     packed.write_bytes(gzip.compress(logs[".log"].read_bytes()))
@@ -121,7 +119,6 @@ def test_a_log_that_is_cut_anywhere_says_so_and_has_no_frame_that_was_not_there(
         ("head.trc", b";$FILEVERSION=2.1\n", "{path}: there is no frame in it"),
         ("new.trc", b";$FILEVERSION=3.0\n", "{path}: a .trc of version 3.0 is not read"),
         ("noise.blf", b"LOGG" + bytes(10), "{path}: no .blf file: "),
-        ("noise.db", b"no database at all, but long enough", "{path}: no whole .db file: "),
         ("noise.log.gz", b"no gzip", "{path}: Not a gzipped file"),
     ],
 )
@@ -136,7 +133,7 @@ def test_a_file_without_a_frame_is_one_clear_line(
 
 
 def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path, capsys: Capture) -> None:
-    for name in ("nothing.log", "nothing.db", "nothing.blf"):
+    for name in ("nothing.log", "nothing.blf"):
         path = tmp_path / name
         assert main([str(path), "--out", str(tmp_path / "out")]) == ExitStatus.SETTINGS
         assert (
@@ -285,33 +282,3 @@ def test_of_drawn_damage_what_is_read_and_what_is_not_are_what_was_written(tmp_p
         file, damage, written = logs.draw(Random(number))
         mistake, _ = mistake_in(file, written)
         assert not mistake, damage
-
-
-@pytest.mark.parametrize(
-    ("statement", "line"),
-    [
-        ("CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
-         "SELECT i, 1, 0, 0, 0, 0, x'' FROM n WHERE i < 0", "no table messages"),
-        ("CREATE TABLE other (a)", "no table messages"),
-    ],
-)  # fmt: skip
-def test_a_database_without_a_table_of_frames_is_refused(
-    tmp_path: Path, statement: str, line: str
-) -> None:
-    """The view has no end and no row."""
-    path = tmp_path / "view.db"
-    with closing(sqlite3.connect(path)) as connection:
-        connection.execute(statement)
-    with pytest.raises(LogError, match=line):
-        open_log(path)
-
-
-def test_an_odd_row_of_a_database_is_counted_and_the_rest_is_read(short: dict[str, Path]) -> None:
-    path = short[".db"].with_name("odd.db")
-    path.write_bytes(short[".db"].read_bytes())
-    odd = [("x", 1, 0, 0, 0, 8, "abc"), (None,) * 7, (1.0, 1 << 40, 0, 0, 0, 1, b"1")]
-    with closing(sqlite3.connect(path)) as connection, connection:
-        connection.executemany("INSERT INTO messages VALUES (?, ?, ?, ?, ?, ?, ?)", odd)
-    log = open_log(path)
-    assert [one.frame for one in log] == [entry.frame for entry in SHORT]
-    assert log.state.unreadable == len(odd)

@@ -29,7 +29,7 @@ NEEDS_ASAMMDF = pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf
 
 @pytest.mark.parametrize(
     "suffix",
-    [".log", ".asc", ".blf", ".csv", ".db", ".trc", pytest.param(".mf4", marks=NEEDS_ASAMMDF)],
+    [".log", ".asc", ".blf", ".csv", ".trc", pytest.param(".mf4", marks=NEEDS_ASAMMDF)],
 )
 def test_every_format_of_python_can_gives_the_same_figures(
     beginning: Path, tmp_path: Path, suffix: str

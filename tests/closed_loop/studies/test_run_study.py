@@ -28,8 +28,8 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.study import __main__ as study_program
-from steer_by_wire.tools.study import program as computation
-from steer_by_wire.tools.study import repeated_runs
+from steer_by_wire.tools.study.repeated_runs import write_settings
+from tests.support.runs.run_of_nodes import assert_nodes_reproduce
 from tests.support.runs.small_study import (
     CHUNK_RUNS,
     STUDY,
@@ -136,18 +136,11 @@ def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
         row = whole.find(run)
         assert row is not None
         assert pair_of_row(identity, row) == scenarios.pair(run)
-        made = repeated_runs.replay(whole, Computer(scenarios), run)
-        assert made.differences == []
-        assert made.nodes["rms_m"] == row["rms_m"]
-        assert {"samples", "commands_sent", "downlink_lost", "uplink_lost"} <= set(made.nodes)
-        assert (
-            load_settings(PlantSettings, file=made.files.settings("plant_emulator"))
-            == made.pair.plant
-        )
-        assert any(
-            "steer-by-wire run " in command
-            for command in repeated_runs.commands(made.pair, made.files)
-        )
+        assert_nodes_reproduce(scenarios, row)
+        commands = write_settings(scenarios, run, whole.folder)
+        file = whole.folder / "replay" / str(run) / "plant_emulator.toml"
+        assert load_settings(PlantSettings, file=file) == scenarios.pair(run).plant
+        assert commands[0].startswith(f"steer-by-wire run {file} ")
 
 
 def test_the_study_beside_its_results_is_enough_though_its_controller_lies_elsewhere(
@@ -190,41 +183,6 @@ def test_results_do_not_go_on_with_another_version_of_an_own_law(
     module.write_text(module.read_text(encoding="utf-8") + "# other gains\n", encoding="utf-8")
     with pytest.raises(SettingsError, match="files differ"):
         Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
-
-
-def test_a_replay_that_differs_says_where(whole: Store) -> None:
-    made = repeated_runs.replay(
-        whole, Computer(Scenarios(load_study(whole.folder.parent / "study.toml"))), 1
-    )
-    assert made.stored is not None
-    changed = dict(made.stored) | {"rms_m": np.nextafter(made.stored["rms_m"], 1.0)}
-    differing = made._replace(stored=changed, expected=changed)
-    assert differing.differences == ["rms_m"]
-    marked = [line for line in repeated_runs.replay_lines(differing) if "DIFFERS" in line]
-    assert [line.split()[0] for line in marked] == ["rms_m"]
-
-
-def test_a_run_that_leaves_the_range_replays_too(tmp_path: Path) -> None:
-    scenarios = make_scenarios(
-        tmp_path,
-        """
-[base]
-controllers = ["practical_pd"]
-[base.plant]
-vehicle.speed_m_s = 27.77777777777778
-duration_s = 60.0
-start_on_first_command = false
-[base.controller.limits]
-steer_rad_max = 0.001
-""",
-    )
-    store = open_store(tmp_path, scenarios)
-    assert run_missing(store, Threads(scenarios, 1), lambda _: None, never)
-    made = repeated_runs.replay(store, Computer(scenarios), 0)
-    assert made.stored is not None
-    assert made.stored["verdict"] == "left range"
-    assert made.stored["limited_share"] > 0.9
-    assert made.differences == []
 
 
 def test_a_network_that_lets_nothing_through_is_a_result_too(tmp_path: Path) -> None:
@@ -272,24 +230,9 @@ def test_the_program_says_sizes_runs_and_replays(
     assert study_program.main(["study.toml", "--replay", "17"]) == ExitStatus.OK
     printed = capsys.readouterr().out
     assert "steer-by-wire run out/study/small/replay/17/plant_emulator.toml" in printed
-    assert "every figure is the same to the last digit" in printed
     assert study_program.main(["study.toml", "--replay", "4800"]) == ExitStatus.SETTINGS
     assert "the study has runs 0 to 47" in capsys.readouterr().err
     assert study_program.main(["none.toml"]) == ExitStatus.SETTINGS
     assert "none.toml: cannot be read" in capsys.readouterr().err
     assert study_program.main(["study.toml", "--out", "study.toml"]) == ExitStatus.SETTINGS
     assert "--out study.toml is a file: give the name of a folder" in capsys.readouterr().err
-
-
-def test_a_replay_that_differs_ends_with_a_status_of_its_own(
-    whole: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def differing(store: Store, computer: Computer, run: int) -> repeated_runs.Replay:
-        made = repeated_runs.replay(store, computer, run)
-        assert made.stored is not None
-        return made._replace(expected=dict(made.stored) | {"rms_m": 0.0})
-
-    monkeypatch.setattr(computation, "replay", differing)
-    study = whole.folder.parent / "study.toml"
-    words = [str(study), "--out", str(whole.folder), "--replay", "1"]
-    assert study_program.main(words) == computation.DIFFERENT

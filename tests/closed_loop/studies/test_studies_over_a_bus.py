@@ -104,7 +104,6 @@ def test_load_errors_and_clocks_are_factors_and_every_run_can_be_repeated(
     assert (out / "report.html").exists()
     assert run_program([str(file), "--out", str(out), "--replay", "3"]) == ExitStatus.OK
     again = capsys.readouterr().out
-    assert "every figure is the same to the last digit" in again
     (command,) = (line for line in again.splitlines() if line.startswith("again: "))
     assert run(command.removeprefix("again: steer-by-wire run ").split()) == ExitStatus.OK
     assert f"RMS {1e3 * rms_m[3]:.2f} mm" in capsys.readouterr().out

@@ -18,9 +18,9 @@ from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.study.repeated_runs import replay
 from steer_by_wire.tools.study.worst_runs import worst_rows
 from tests.support.runs.compiled_runs import assert_same_as_nodes
+from tests.support.runs.run_of_nodes import assert_nodes_reproduce
 from tests.support.runs.small_study import make_scenarios, never
 
 LOST = """
@@ -70,7 +70,7 @@ def test_latency_is_that_of_the_commands_followed_whatever_was_computed_before(
     assert together[2, latency] != together[0, latency]
 
 
-def test_a_study_in_which_the_wheel_is_lost_is_whole_replays_and_is_reported(
+def test_a_study_in_which_the_wheel_is_lost_is_whole_and_is_reported(
     tmp_path: Path,
 ) -> None:
     scenarios = make_scenarios(tmp_path, LOST)
@@ -84,9 +84,7 @@ def test_a_study_in_which_the_wheel_is_lost_is_whole_replays_and_is_reported(
     assert one.results.read_bytes() == two.results.read_bytes()
     table = pq.read_table(one.results)
     assert table["ended_by"].to_pylist() == ["complete"] * 4
-    made = replay(one, Computer(scenarios), 3)
-    assert made.stored is not None
-    assert made.differences == []
+    assert_nodes_reproduce(scenarios, table.to_pylist()[3])
     study = read_study(one.folder)
     assert 3 in worst_rows(study, read_rows(study))
 

@@ -23,7 +23,6 @@ from steer_by_wire.closed_loop.studies.study_file import StudySettings
 from steer_by_wire.closed_loop.studies.study_file import read_study as read_file
 from steer_by_wire.closed_loop.studies.workers import Threads
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.study.axes import study_axes
 from steer_by_wire.tools.study.law_by_delay import (
     LawByDelay,
     draw_error_over_delay,
@@ -72,7 +71,7 @@ def computed(folder: Path, settings: StudySettings) -> tuple[StudyRecord, Rows]:
 
 
 def by_delay(study: StudyRecord, rows: Rows) -> LawByDelay:
-    found = law_by_delay(study, rows, study_axes(study, rows))
+    found = law_by_delay(study, rows)
     assert found is not None
     return found
 

@@ -24,9 +24,8 @@ from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import __main__
 from steer_by_wire.tools.study.against_pd import comparison_section
-from steer_by_wire.tools.study.axes import LEVELS_MAX, study_axes
 from steer_by_wire.tools.study.fault_reactions import reaction_sections
-from steer_by_wire.tools.study.heat_maps import are_drawn, heat_maps
+from steer_by_wire.tools.study.law_by_delay import law_by_delay
 from steer_by_wire.tools.study.report import PAGE, write
 from steer_by_wire.tools.study.worst_runs import worst_rows, worst_sections
 from tests.support.runs.small_study import CORNERS
@@ -59,7 +58,7 @@ replicates = 2
     + CORNERS
 )
 RUNS = 2 * 2 * 4 * 2 * 2
-PICTURES = ("error_over_delay", "heat_map_rms")
+PICTURES = ("error_over_delay",)
 PNG = b"\x89PNG"
 
 
@@ -137,12 +136,11 @@ long = { plant.latency.downlink.mean_s = 0.3 }
 """
     folder = computed(tmp_path, named)
     study = read_study(folder)
-    axes = study_axes(study, read_rows(study))
-    assert (axes.mean.keys, axes.jitter.keys, axes.others) == ((), (), ("way",))
+    assert law_by_delay(study, read_rows(study)) is None
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_written(
+def test_the_page_of_drawn_factors_is_the_same_whenever_it_is_written(
     tmp_path: Path,
 ) -> None:
     drawn = STUDY.replace("values = [0.1, 0.9]", "start = 0.0\nstop = 0.9")
@@ -150,11 +148,6 @@ def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_writ
     drawn = drawn.replace("duration_s = 8.0", "duration_s = 2.0").replace("at_s = 1.0", "at_s = 0")
     drawn = drawn.replace("seed = 7", 'seed = 7\nkind = "latin_hypercube"\ncount = 50')
     folder = computed(tmp_path, drawn)
-    study = read_study(folder)
-    axes = study_axes(study, read_rows(study))
-    assert len(axes.mean.values) <= LEVELS_MAX
-    assert axes.mean.values == tuple(sorted(axes.mean.values))
-    assert {int(place) for place in axes.mean.place} <= set(range(len(axes.mean.values)))
     first = write(folder).read_bytes()
     assert write(folder).read_bytes() == first
 
@@ -224,15 +217,6 @@ def test_reactions_are_counted_over_the_runs_with_a_fault(study: StudyRecord) ->
     assert [cell.text for cell in line] == ["practical_pd", "3", "2", "70, 130", "0", "-", "1.000"]
 
 
-def test_a_cell_shows_the_worst_corner_and_there_the_median(study: StudyRecord) -> None:
-    one_law = study._replace(controllers={"practical_pd": study.controllers["practical_pd"]})
-    holds, cycle = Verdict.HOLDS, Verdict.LIMIT_CYCLE
-    rows = made_rows([1.0, 2.0, 9.0, 3.0, 4.0, 5.0], [holds, holds, cycle, holds, holds, holds], 1)
-    maps = heat_maps(rows, study_axes(one_law, rows), 1)
-    assert maps.rms_m.item() == 4.0
-    assert maps.held.item() == pytest.approx(2 / 3)
-
-
 def test_laws_are_compared_run_by_run_where_both_hold(study: StudyRecord) -> None:
     holds, cycle = Verdict.HOLDS, Verdict.LIMIT_CYCLE
     # practical_pd_ddob and practical_pd in turn
@@ -263,12 +247,3 @@ def test_runs_that_all_hold_alike_have_no_worst(study: StudyRecord) -> None:
         column = getattr(alike, field).copy()
         column[0] = value
         assert len(worst_sections(study, alike._replace(**{field: column}))) == 1
-
-
-def test_one_jitter_makes_no_heat_map(results: Path) -> None:
-    study = read_study(results)
-    rows = read_rows(study)
-    at = rows.factors["jitter"] == 0.0
-    one = rows._replace(factors={**rows.factors, "jitter": np.zeros(len(at))})
-    assert are_drawn(study_axes(study, rows))
-    assert not are_drawn(study_axes(study, one))
