@@ -20,6 +20,7 @@ from .path.settings import CorridorSettings, EllipseSettings, PathSettings, find
 from .sensors.settings import PathAheadSettings, SensorNoiseSettings, SteeringForceSettings
 from .steering.hand_wheel import HandWheelSettings
 from .steering.settings import SafetySettings, resync_ns_of
+from .vehicle.car.rack_settings import LAG_S_MIN
 from .vehicle.car.settings import CarSettings
 from .vehicle.motion_parameters import motion_params
 from .vehicle.moving_vehicle import AnyMotionParams
@@ -97,6 +98,17 @@ class PlantSettings(Settings):
                     " corridor of ISO 3888-1, half for the windows of the verdict behind it, not"
                     f" {self.duration_s:g}"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _has_a_loop_for_the_rack(self) -> Self:
+        """Refuse a rack whose position loop has neither a lag nor a largest rate."""
+        has_loop = self.actuator.lag_s >= LAG_S_MIN and self.actuator.rate_limit_rad_s is not None
+        if self.car is not None and self.car.rack is not None and not has_loop:
+            raise ValueError(
+                f"car.rack needs actuator.lag_s of {LAG_S_MIN:g} to 10, of its position loop,"
+                " and actuator.rate_limit_rad_s of 0.001 to 100"
+            )
         return self
 
     @property

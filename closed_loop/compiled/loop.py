@@ -54,7 +54,7 @@ from .law_input import (
     wheel_on_wire_rad,
     write_plan,
 )
-from .loop_records import Constants, Instants, Kept, Progress, Records, Segment
+from .loop_records import WAITING, Constants, Instants, Kept, Progress, Records, Segment
 from .memory import at, called, placed, read, write
 from .step_functions import advance_motion, command_motion, place_of, start_motion
 
@@ -65,6 +65,7 @@ speed that the controller did not know before, at a tick that is to be run once 
 
 _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
 _HOLDING = int(GuardMode.HOLDING)
+_NEWEST = WAITING - 1
 
 
 @compiled_inline
@@ -79,7 +80,7 @@ def _plant_until(
     to_ns: int,
 ) -> tuple[Progress, int]:
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
-    z, guard, followed_ns, sample, command, in_effect, plan, is_new, played = x
+    z, guard, followed_ns, sample, command, in_effect, plan, is_new, played, given, acting = x
     while True:
         command_ns = sample_ns = to_ns + 1
         # An unsigned index needs no test for negative values, which would cost a twentieth.
@@ -90,7 +91,7 @@ def _plant_until(
             sample_ns = s.sample_ns[at]
         guard_ns = c.motion_start_ns + guard.deadline_ns
         if command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns:
-            buffered = plan, is_new, played
+            buffered = plan, is_new, played, given, acting
             return Progress(z, guard, followed_ns, sample, command, in_effect, *buffered), COMPLETE
         arrives = command_ns <= sample_ns and command_ns <= guard_ns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
@@ -126,11 +127,23 @@ def _plant_until(
         else:
             motion_ns = max(sample_ns - c.motion_start_ns, 0)
             is_sample = True
-        # One call for all of the three: it is compiled inline wherever it stands.
-        if has_moved:
-            z = advance_motion(p, z, motion_ns)
         if steers:
-            z = command_motion(p, z, guard.limiter.steer_rad)
+            turn = np.uintp(given & _NEWEST)
+            r.waiting_ns[turn] = motion_ns + p.dead_time_ns
+            r.waiting_rad[turn] = guard.limiter.steer_rad
+            given += 1
+        # One call for all of them: it is compiled inline wherever it stands.
+        while has_moved:
+            turn, is_due, until_ns = np.uintp(acting & _NEWEST), False, motion_ns
+            if acting < given and r.waiting_ns[turn] <= motion_ns:
+                is_due, until_ns = True, r.waiting_ns[turn]
+            z = advance_motion(p, z, until_ns)
+            if is_due:
+                z = command_motion(p, z, r.waiting_rad[turn])
+                acting += 1
+            has_moved = until_ns < motion_ns or (
+                acting < given and r.waiting_ns[np.uintp(acting & _NEWEST)] <= motion_ns
+            )
         if is_sample:
             _, linear, _ = z
             _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear
@@ -148,13 +161,13 @@ def _plant_until(
             record_place(inbox, p, sample, arc_length_m, speed_m_s)
             if is_overruled(guard) and guard.mode != _HOLDING:
                 if len(s.tick_status) == 0:
-                    buffered = plan, is_new, played
+                    buffered = plan, is_new, played, given, acting
                     x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
                     return x, OVERRULED
                 r.overruled_rad[at] = wheel_on_wire_rad(wheel_rad)
             sample += 1
             if not abs(reading_m) <= LATERAL_ERROR_M_MAX:
-                buffered = plan, is_new, played
+                buffered = plan, is_new, played, given, acting
                 x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
                 return x, LEFT_RANGE
             r.measured_m[at] = quantised(reading_m, LATERAL_ERROR_RESOLUTION_M)
@@ -188,7 +201,7 @@ def run_segment(
 
     Returns the samples taken and the ticks done so far, and how it ended.
     """
-    x = Progress(start_motion(p), start_guard(c.guard), 0, 0, 0, -1, -1, False, -1)
+    x = Progress(start_motion(p), start_guard(c.guard), 0, 0, 0, -1, -1, False, -1, 0, 0)
     kept = Kept(x, 0.0, 0.0, nothing_known(inbox))
     place = at(law.kept, kept)
     if not is_start:

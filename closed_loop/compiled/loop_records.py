@@ -56,13 +56,19 @@ class Instants(NamedTuple):
     tick_state: IntArray
 
 
+WAITING = 4096
+"""A power of two; more than the commands and plan values of a second."""
+
+
 class Records(NamedTuple):
-    """The records of a run: the first ten per sample, the last two per control tick.
+    """The records of a run: the first ten per sample, the next two per control tick.
 
     ``overruled_rad``  wheel angle as on the wire where the steering overrules, else NaN; written
                     only where ``Instants.tick_status`` is there
     ``command``     index into the schedule's commands of the one in effect, -1 before the first
     ``law_output``  (ticks, 4), in the order of ``LawOutput``
+    ``waiting_ns``, ``waiting_rad``  rings of WAITING: commands that wait for the actuator's dead
+                    time, and when each is due in the motion
     """
 
     lateral_error_m: FloatArray
@@ -77,6 +83,8 @@ class Records(NamedTuple):
     overruled_rad: FloatArray
     sent_rad: FloatArray
     law_output: FloatArray
+    waiting_ns: IntArray
+    waiting_rad: FloatArray
 
 
 def empty_records(samples: int, ticks: int) -> Records:
@@ -94,6 +102,8 @@ def empty_records(samples: int, ticks: int) -> Records:
         np.full(samples, np.nan),
         np.full(ticks, np.nan),
         np.empty((ticks, 4)),
+        np.empty(WAITING, dtype=np.int64),
+        np.empty(WAITING),
     )
 
 
@@ -105,6 +115,7 @@ class Progress(NamedTuple):
     ``plan``         the command that has brought the plan in the buffer, -1 for none
     ``is_new``       whether no value of it has been played yet
     ``played``       the newest sample for which a value was played
+    ``given``        commands given to the actuator, and how many of them act
     """
 
     motion: Any
@@ -116,6 +127,8 @@ class Progress(NamedTuple):
     plan: int
     is_new: bool
     played: int
+    given: int
+    acting: int
 
 
 class Kept(NamedTuple):

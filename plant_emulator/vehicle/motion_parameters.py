@@ -44,6 +44,8 @@ class MotionParams(NamedTuple):
     lateral_error_m: float
     """At the start, as the heading error."""
     heading_error_rad: float
+    dead_time_ns: int
+    """Of the actuator."""
 
 
 def motion_params(
@@ -103,6 +105,7 @@ def _params(
         (),
         vehicle.initial_lateral_error_m,
         vehicle.initial_heading_error_rad,
+        actuator.dead_time_ns,
     )
 
 

@@ -3,6 +3,7 @@
 The motion itself is ``plant_emulator.vehicle.motion_events``.
 """
 
+from collections import deque
 from collections.abc import Callable
 
 from ..path.path import Pose, vehicle_pose
@@ -59,11 +60,18 @@ class Motion:
         self.linear: LinearState
         self.time_ns, self.linear, _ = self._state
         self.is_finite = True
+        self._waiting: deque[tuple[int, float]] = deque()
         self.path = params.path
         self.preview_distance_m = params.preview_distance_m
 
     def command(self, steer_rad: float) -> None:
-        """Apply a steering command (finite) to the actuator now."""
+        """Give a steering command (finite) to the actuator now; it acts after its dead time."""
+        if self._params.dead_time_ns:
+            self._waiting.append((self.time_ns + self._params.dead_time_ns, steer_rad))
+        else:
+            self._apply(steer_rad)
+
+    def _apply(self, steer_rad: float) -> None:
         self._state = self._steps.command(self._params, self._state, steer_rad)
         _, self.linear, _ = self._state
 
@@ -79,6 +87,13 @@ class Motion:
 
     def advance(self, to_ns: int) -> None:
         """Advance to ``to_ns``. Raises ValueError if that is in the past."""
+        while self._waiting and self._waiting[0][0] <= to_ns:
+            due_ns, steer_rad = self._waiting.popleft()
+            self._advance_to(due_ns)
+            self._apply(steer_rad)
+        self._advance_to(to_ns)
+
+    def _advance_to(self, to_ns: int) -> None:
         if to_ns <= self.time_ns:
             if to_ns < self.time_ns:
                 raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")

@@ -4,13 +4,15 @@ Another package may provide the equations of motion (``VehicleModel``) and the s
 disturbance (``DisturbanceModel``); see ``runtime.settings.plugin``.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import Annotated, Any, NamedTuple, Self
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from ...runtime.node import NS_PER_S
 from ...runtime.settings import Settings
 from ...runtime.settings.plugin import (
     PLUGIN_TABLE,
@@ -86,16 +88,40 @@ class VehicleSettings(Settings):
 
 
 LAG_S_MIN = 1e-6
+PUBLISHED: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        # Defaults of autowarefoundation/autoware.universe, simple_planning_simulator/README.md.
+        "autoware": {
+            "lag_s": 0.27, "dead_time_s": 0.24, "angle_limit_rad": 1.0, "rate_limit_rad_s": 5.0,
+        },
+        # Identified on a small electric vehicle: open-rdc/aiformula, pull request 259.
+        "aiformula": {"lag_s": 0.12, "dead_time_s": 0.04, "rate_limit_rad_s": 1.396},  # 80°/s
+        # Defaults of TUMFTM/Open-Car-Dynamics, ocd_steering_actuator_pt1_cpp.
+        "open_car_dynamics": {"lag_s": 0.06, "angle_limit_rad": 0.3, "rate_limit_rad_s": 0.5},
+    }
+)  # fmt: skip
+"""Actuators with their source."""
 
 
 class ActuatorSettings(Settings):
     """`[actuator]`: ideal by default; a limit that is omitted does not exist."""
 
+    published: Literal["autoware", "aiformula", "open_car_dynamics"] | None = None
+    """An actuator with its source (``PUBLISHED``), whose values other keys replace."""
     lag_s: float = Field(0.0, ge=0.0, le=10.0)
-    """0, or at least a microsecond: the motion resolves a nanosecond."""
+    """0, or at least a microsecond: the motion resolves a nanosecond. With `[car.rack]` that of
+    its position loop."""
+    dead_time_s: float = Field(0.0, ge=0.0, le=1.0)
+    """From a command in effect, as STEERING_STATUS says, to the beginning of its motion."""
     angle_limit_rad: float | None = Field(None, gt=0.0, le=1.5)
     rate_limit_rad_s: float | None = Field(None, ge=0.001, le=100.0)
     dead_band_rad: float = Field(0.0, ge=0.0, le=0.5)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _begin_with_published(cls, given: Any) -> Any:
+        name = given.get("published") if isinstance(given, dict) else None
+        return {**PUBLISHED.get(str(name), {}), **given} if name is not None else given
 
     @field_validator("lag_s")
     @classmethod
@@ -103,6 +129,11 @@ class ActuatorSettings(Settings):
         if 0.0 < lag_s < LAG_S_MIN:
             raise ValueError(f"must be 0 or {LAG_S_MIN:g} to 10, not {lag_s:g}")
         return lag_s
+
+    @property
+    def dead_time_ns(self) -> int:
+        """The dead time [ns]."""
+        return round(self.dead_time_s * NS_PER_S)
 
 
 class DisturbanceStep(Settings):

@@ -78,7 +78,7 @@ def _yaw_rates_rad_s(
     p: Any, start: Any, steer_rad: Any, speed_m_s: Any, acceleration_m_s2: Any
 ) -> Any:
     yaw_rate_rad_s, lag_s, h_s = start
-    x = CarState(speed_m_s[0], 0.0, yaw_rate_rad_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    x = CarState(speed_m_s[0], 0.0, yaw_rate_rad_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     wheel_rad, yaw_rates = steer_rad[0], np.empty(len(steer_rad))
     for row in range(len(steer_rad) - 1):
         yaw_rates[row] = x.yaw_rate_rad_s
@@ -87,9 +87,9 @@ def _yaw_rates_rad_s(
             goal_rad = steer_rad[row] + share * (steer_rad[row + 1] - steer_rad[row])
             wheel_rad += min(h_s / (lag_s + 0.5 * h_s), 1.0) * (goal_rad - wheel_rad)
             inputs = CarInput(wheel_rad, acceleration_m_s2[row], 0.0, 0.0, 1.0, 0.0)
-            _, v, r, front, rear, a_x, a_y, force, _, _, _ = car_step(p, x, inputs, h_s)
+            _, v, r, front, rear, a_x, a_y, force, use, _, _, _ = car_step(p, x, inputs, h_s)
             driven = speed_m_s[row] + share * (speed_m_s[row + 1] - speed_m_s[row])
-            x = CarState(driven, v, r, front, rear, a_x, a_y, force, 0.0, 0.0, 0.0)
+            x = CarState(driven, v, r, front, rear, a_x, a_y, force, use, 0.0, 0.0, 0.0)
     yaw_rates[-1] = x.yaw_rate_rad_s
     return yaw_rates
 

@@ -8,9 +8,10 @@ from ..disturbance import Load, loads
 from ..settings import ActuatorSettings, DisturbanceSettings, VehicleSettings
 from .car_motion import CarInterval, CarMotionParams, GripPatch
 from .car_step import CarParams
+from .first_order import FirstOrderParams
+from .rack_settings import rack_params
 from .settings import CarSettings
 from .speed_control import SpeedParams, speed_legs
-from .steering_choice import FirstOrderParams
 from .tyre import TyreParams
 
 _DAMPING_RATIO = 0.3
@@ -73,12 +74,9 @@ def car_motion_params(
     frictions = [1.0, *(patch.friction for patch in car.grip)]
     return CarMotionParams(
         car=car_params(vehicle, car),
-        steering=FirstOrderParams(
-            actuator.lag_s,
-            _or_infinite(actuator.angle_limit_rad),
-            _or_infinite(actuator.rate_limit_rad_s),
-            actuator.dead_band_rad,
-        ),
+        steering=_first_order_params(actuator)
+        if car.rack is None
+        else rack_params(car.rack, actuator, vehicle),
         speed=SpeedParams(
             speed_legs(points, over_arc_length=car.is_over_arc_length),
             car.is_over_arc_length,
@@ -100,6 +98,7 @@ def car_motion_params(
         preview_distance_m=vehicle.preview_distance_m,
         lateral_error_m=vehicle.initial_lateral_error_m,
         heading_error_rad=vehicle.initial_heading_error_rad,
+        dead_time_ns=actuator.dead_time_ns,
     )
 
 
@@ -108,6 +107,15 @@ def car_interval(start_ns: int, load: Load, side_force_arm_m: float) -> CarInter
     yaw_moment_n_m = load.yaw_moment_n_m + load.side_force_n * side_force_arm_m
     return CarInterval(
         start_ns, load.side_force_n, yaw_moment_n_m, load.steering_offset_rad, load.friction
+    )
+
+
+def _first_order_params(actuator: ActuatorSettings) -> FirstOrderParams:
+    return FirstOrderParams(
+        actuator.lag_s,
+        _or_infinite(actuator.angle_limit_rad),
+        _or_infinite(actuator.rate_limit_rad_s),
+        actuator.dead_band_rad,
     )
 
 

@@ -15,7 +15,8 @@ from ...path.portable_trigonometry import arctan
 from ..exact_propagation import LinearState
 from .car_step import NEARNESS_MIN, CarInput, CarParams, CarState, car_step
 from .speed_control import SpeedParams, demand_step, wanted_speed
-from .steering_choice import SteeringInput, steering_at_rest, steering_step
+from .steering_choice import steering_at_rest, steering_step
+from .steering_input import SteeringInput
 
 STEP_NS = 1_000_000
 HEADING_RAD_MAX = pi / 3.0
@@ -23,13 +24,21 @@ HEADING_RAD_MAX = pi / 3.0
 
 
 class CarInterval(NamedTuple):
-    """What acts on the car from ``start_ns`` until the next interval."""
+    """What acts on the car from ``start_ns`` until the next interval; the rest as `SteeringInput`.
+
+    ``sensor_rad_s``  by which ``sensor_rad`` grows
+    """
 
     start_ns: int
     side_force_n: float
     yaw_moment_n_m: float
     steering_offset_rad: float
     friction: float
+    torque_share: float = 1.0
+    resistance_factor: float = 1.0
+    rate_share: float = 1.0
+    sensor_rad: float = 0.0
+    sensor_rad_s: float = 0.0
 
 
 class GripPatch(NamedTuple):
@@ -54,6 +63,7 @@ class CarMotionParams(NamedTuple):
     lateral_error_m: float
     """Of the preview point at the start, as the next."""
     heading_error_rad: float
+    dead_time_ns: int
 
 
 class CarMoment(NamedTuple):
@@ -90,7 +100,7 @@ In what sensors read, the last three are 0; the lateral error is infinite once t
 def start_car(p: CarMotionParams) -> CarMotionState:
     """Return the state at time 0."""
     lateral_m, heading_rad = p.lateral_error_m, p.heading_error_rad
-    car = CarState(p.speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, lateral_m, heading_rad)
+    car = CarState(p.speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, lateral_m, heading_rad)
     now = CarMoment(car, steering_at_rest(p.steering), 0.0, 0, Place(0, 0), 0)
     return 0, _shown(p, now), (0, now, now, (0.0, inf), 0, _interval_end_ns(p, 0))
 
@@ -110,9 +120,12 @@ def limit_car(x: CarMotionState, limit_m_s: float) -> CarMotionState:
 
 
 def disturb_car(p: CarMotionParams, x: CarMotionState) -> CarMotionState:
-    """Return the state with the first interval of ``p`` begun."""
+    """Return the state in the interval of ``p`` that its time is in."""
     time_ns, shown, (_, _, now, orders, _, _) = x
-    return time_ns, shown, (time_ns, now, now, orders, 0, _interval_end_ns(p, 0))
+    interval = 0
+    while _interval_end_ns(p, interval) <= time_ns:
+        interval += 1
+    return time_ns, shown, (time_ns, now, now, orders, interval, _interval_end_ns(p, interval))
 
 
 def advance_car(p: CarMotionParams, x: CarMotionState, to_ns: int) -> CarMotionState:
@@ -154,8 +167,17 @@ def _moment_step(
     car, steering, demand_m_s2, leg, place, patch = x
     command_rad, limit_m_s = orders
     h_s = 1e-9 * (to_ns - from_ns)
-    road = SteeringInput(command_rad, car.front_lateral_n, car.front_slip, car.speed_m_s)
-    steering = steering_step(p.steering, steering, road, h_s)
+    load = p.intervals[interval]
+    acts = SteeringInput(
+        command_rad,
+        car.front_lateral_n,
+        car.front_use,
+        load.torque_share,
+        load.resistance_factor,
+        load.rate_share,
+        load.sensor_rad + load.sensor_rad_s * (1e-9 * (to_ns - load.start_ns)),
+    )
+    steering = steering_step(p.steering, steering, acts, h_s)
     cg_m = car.arc_length_m - p.preview_distance_m
     while cg_m >= p.patches[patch].end_m:
         patch += 1
@@ -164,9 +186,8 @@ def _moment_step(
     if wanted_m_s > limit_m_s:
         wanted_m_s, rate_m_s2 = limit_m_s, 0.0
     demand_m_s2 = demand_step(p.speed, demand_m_s2, wanted_m_s, rate_m_s2, car.speed_m_s, h_s)
-    load = p.intervals[interval]
     inputs = CarInput(
-        steering.wheel_rad + load.steering_offset_rad,
+        steering.road_rad + load.steering_offset_rad,
         demand_m_s2,
         load.side_force_n,
         load.yaw_moment_n_m,

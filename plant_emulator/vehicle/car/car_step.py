@@ -66,7 +66,7 @@ class CarParams(NamedTuple):
 
 
 class CarState(NamedTuple):
-    """u, v, r, α′ of both axles; accelerations by the forces; F_yf; s, y, Δψ."""
+    """u, v, r, α′ of both axles; accelerations by the forces; F_yf, its C α′/(3 D); s, y, Δψ."""
 
     speed_m_s: float
     lateral_speed_m_s: float
@@ -76,6 +76,7 @@ class CarState(NamedTuple):
     longitudinal_m_s2: float
     lateral_m_s2: float
     front_lateral_n: float
+    front_use: float
     arc_length_m: float
     lateral_error_m: float
     heading_error_rad: float
@@ -94,7 +95,7 @@ class CarInput(NamedTuple):
 
 def car_step(p: CarParams, x: CarState, inputs: CarInput, h_s: float) -> CarState:
     """Return the state after ``h_s`` > 0."""
-    u, v, r, front_slip, rear_slip, a_x, _, _, s, y, psi = x
+    u, v, r, front_slip, rear_slip, a_x, _, _, _, s, y, psi = x
     wheel_rad, demand_m_s2, side_force_n, yaw_moment_n_m, friction, rho = inputs
     mass, l_f, l_r = p.mass_kg, p.front_axle_m, p.rear_axle_m
     grip = p.friction * friction
@@ -120,6 +121,7 @@ def car_step(p: CarParams, x: CarState, inputs: CarInput, h_s: float) -> CarStat
     front_along = abs(u * cos_wheel + front_v * sin_wheel)
     front_across = front_v * cos_wheel - u * sin_wheel
     rear_across = v - l_r * r
+    front_use = p.front.stiffness_1_rad * front_load_n * front_slip / (3.0 * front_limit_n)
     front_y_n = lateral_n(p.front, front_load_n, front_limit_n, front_slip)
     front_y_n = damped_n(p.front, front_load_n, front_limit_n, front_y_n, front_along, front_across)
     rear_y_n = lateral_n(p.rear, rear_load_n, rear_limit_n, rear_slip)
@@ -159,7 +161,7 @@ def car_step(p: CarParams, x: CarState, inputs: CarInput, h_s: float) -> CarStat
     s += h_s * s_rate
     y += h_s * (u * sin_psi + preview_v * cos_psi)
     psi += h_s * (r - rho * s_rate)
-    return CarState(u, v, r, front_slip, rear_slip, a_x, a_y, front_y_n, s, y, psi)
+    return CarState(u, v, r, front_slip, rear_slip, a_x, a_y, front_y_n, front_use, s, y, psi)
 
 
 def _within(value: float, limit: float) -> float:

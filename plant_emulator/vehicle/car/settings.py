@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from ....runtime.settings import Settings
 from ...path.lane import Lane
+from .rack_settings import RackSettings
 
 FASTEST_M_S = 70.0
 
@@ -75,6 +76,8 @@ class CarSettings(Settings):
     speed: tuple[SpeedPoint, ...] = Field((), max_length=10_000)
     """The profile; if omitted, ``vehicle.speed_m_s`` all the time."""
     grip: tuple[GripSettings, ...] = Field((), max_length=10_000)
+    rack: RackSettings | None = None
+    """If omitted, the wheels follow as `[actuator]` says."""
 
     @model_validator(mode="after")
     def _profile_and_road_have_an_order(self) -> Self:

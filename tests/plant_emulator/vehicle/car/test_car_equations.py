@@ -26,7 +26,7 @@ from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.plant_emulator.vehicle.steady_turn import steady_steer_m
 
 CARS = ("bmw_320i", "ford_escort", "large_sedan", "honda_civic", "city_bus", "f1tenth")
-REST = CarState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+REST = CarState(*[0.0] * len(CarState._fields))
 
 
 def free_of_drag(name: str, **changes: Any) -> tuple[PlantSettings, CarSettings]:
