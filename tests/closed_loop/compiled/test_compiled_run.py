@@ -4,17 +4,23 @@ import inspect
 import random
 from collections.abc import Sequence
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.compiled.compilation import sources
-from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
+from steer_by_wire.closed_loop.compiled.compilation import compiled, sources
+from steer_by_wire.closed_loop.compiled.engine import Outcome, compiled_motion, run_compiled
 from steer_by_wire.closed_loop.compiled.law_code import step_at
 from steer_by_wire.closed_loop.compiled.loop import run_segment
 from steer_by_wire.closed_loop.compiled.schedule import NothingArrivesError, schedule_run
-from steer_by_wire.closed_loop.compiled.step_functions import step_functions
+from steer_by_wire.closed_loop.compiled.step_functions import (
+    advance_motion,
+    command_motion,
+    register_steps,
+    start_motion,
+    step_functions,
+)
 from steer_by_wire.controller.laws.set_point import FollowedPoint
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
@@ -196,6 +202,49 @@ def random_line(rng: random.Random, direction: str) -> list[str]:
     if table["loss"]:
         table["burst_frames"] = rng.choice([1.0, 3.3, 40.0])
     return [f"latency.{direction}.{key}={value}" for key, value in table.items()]
+
+
+def test_a_car_on_a_rack_is_compiled_to_the_same_bits() -> None:
+    """With play, a dead time that overlaps several commands, and a network off the grid."""
+    plant = plant_preset(
+        "bmw_320i",
+        [
+            *("duration_s=8", "car.rack={play_rad=0.004, friction='lugre'}"),
+            *("actuator.dead_time_s=0.0437", "latency.uplink.mean_s=0.0123457"),
+        ],
+    )
+    run = assert_same_as_nodes(plant, controller_preset("highway_pd"))
+    assert np.ptp(run.wheel_angle_rad) > 0.005
+
+
+@compiled
+def parked(p: Any, steer_rad: float, shown: Any) -> None:
+    """Write what sensors read of a car 20 s after its start, and an hour later."""
+    z, to_ns = command_motion(p, start_motion(p), steer_rad), 20 * NS_PER_S
+    for row in range(len(shown)):
+        z = advance_motion(p, z, to_ns)
+        _, linear, _ = z
+        for column in range(6):
+            shown[row, column] = linear[column]
+        to_ns += 3600 * NS_PER_S
+
+
+@pytest.mark.parametrize("friction", ["coulomb", "lugre"])
+def test_a_car_parked_on_its_rack_for_an_hour_does_not_drift(friction: str) -> None:
+    """With the wheel turned, on play, and with wind."""
+    plant = plant_preset(
+        "bmw_320i",
+        [
+            f"car.rack={{friction='{friction}', play_rad=0.006}}",
+            "car.speed=[{at_s=0, speed_m_s=4}, {at_s=2, speed_m_s=0}]",
+            "disturbance.steps=[{at_s=4, side_force_n=1500}]",
+        ],
+    )
+    shown = np.zeros((2, 6))
+    register_steps()
+    parked(compiled_motion(plant), 0.05, shown)
+    assert np.abs(shown[1] - shown[0]).max() < 1e-6
+    assert abs(shown[1, 4] - 0.05) < 1e-3
 
 
 def test_a_run_that_ends_before_the_first_measurement_arrives_drives_on_uncontrolled() -> None:
