@@ -34,9 +34,9 @@ _SETTLED = f"""cockpit.nowS > {_SPAN_S + 5} && cockpit.lanes.every((rows) =>
 """Whether every lane was driven in time in all that the charts show; no number is not in time."""
 _PATIENCE_S = 600.0
 
-_LAW = "highway_pd_ddob"
-_RISE_S, _BEFORE_MS, _FROM_RISE_MS = 4.0, 30, (30, 400)
-"""The two networks: one stays as it is, the other becomes slow."""
+LAWS = {"highway_pd": "PD", "highway_predictor": "predictor"}
+_RISE_S, _BEFORE_MS, _FROM_RISE_MS = 4.0, 30, 400
+"""The network of both, which becomes slow."""
 _FRAMES = [2.0 + 0.2 * number for number in range(55)]
 _SIZE = (640, 170)
 
@@ -103,8 +103,8 @@ def shoot(browser: Browser, file: Path) -> None:
 
 
 def take_moving(browser: Browser) -> None:
-    """Take one law on two networks, below each other, while the latency of one rises."""
-    strips = [strip(browser, late_ms) for late_ms in _FROM_RISE_MS]
+    """Take two laws on the same network, below each other, while its latency rises."""
+    strips = [strip(browser, preset) for preset in LAWS]
     pictures = []
     for pair in zip(*strips, strict=True):
         both = Image.new("RGB", (_SIZE[0], 2 * _SIZE[1] + 4))
@@ -122,13 +122,13 @@ def take_moving(browser: Browser) -> None:
     )
 
 
-def strip(browser: Browser, from_rise_ms: int) -> list[Image.Image]:
-    """Return the scene of one network at each of the times."""
+def strip(browser: Browser, preset: str) -> list[Image.Image]:
+    """Return the scene of one law at each of the times."""
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", 14)
     with tempfile.TemporaryDirectory() as folder:
         log, page = Path(folder) / "run.log", Path(folder) / "run.html"
-        run_virtual_pair(moving_plant(from_rise_ms), controller_preset(_LAW), candump_log=log)
-        page.write_text(single_page(read_replay([log]), _LAW), encoding="utf-8")
+        run_virtual_pair(moving_plant(), controller_preset(preset), candump_log=log)
+        page.write_text(single_page(read_replay([log]), preset), encoding="utf-8")
         browser.resize(_SIZE[0], 480)
         browser.open(page.as_uri())
         browser.wait_for("window.cockpit?.drawn > 0")
@@ -142,18 +142,19 @@ def strip(browser: Browser, from_rise_ms: int) -> list[Image.Image]:
             browser.wait_for(f"cockpit.drawn > {before}")
             data = browser.read("document.getElementById('scene').toDataURL()").partition(",")[2]
             picture = Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")
-            late_ms = from_rise_ms if time_s >= _RISE_S else _BEFORE_MS
+            late_ms = _FROM_RISE_MS if time_s >= _RISE_S else _BEFORE_MS
+            text = f"{LAWS[preset]}: commands {late_ms} ms late"
             pen = ImageDraw.Draw(picture)
-            pen.text((_SIZE[0] - 12, 6), f"commands {late_ms} ms late", "#f0b429", font, "ra")
+            pen.text((_SIZE[0] - 12, 6), text, "#f0b429", font, "ra")
             pictures.append(picture)
     return pictures
 
 
-def moving_plant(from_rise_ms: int) -> PlantSettings:
+def moving_plant() -> PlantSettings:
     """Return the double lane change, with a latency that changes."""
     schedule = [
         {"time_s": at_s, "mean_s": 1e-3 * late_ms}
-        for at_s, late_ms in ((0.0, _BEFORE_MS), (_RISE_S, from_rise_ms))
+        for at_s, late_ms in ((0.0, _BEFORE_MS), (_RISE_S, _FROM_RISE_MS))
     ]
     values = {"duration_s": 14.0, "latency.downlink.schedule": schedule}
     return with_values(plant_preset("highway_nominal"), values, "moving")

@@ -12,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire import Run, simulate
 from steer_by_wire.command import PROGRAMS
+from steer_by_wire.tools.cockpit.sampler import IN_LANE_M
+from tests.support.programs.cockpit_pictures import LAWS, moving_plant
 from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -151,3 +154,37 @@ def test_the_test_on_the_first_page_passes_when_it_is_pasted(tmp_path: Path) -> 
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert "3 passed" in done.stdout, done.stdout
+
+
+def test_the_first_page_is_short() -> None:
+    assert len(README.split()) <= 450
+
+
+def run_of(plant: str, law: str, speed_km_h: str, delay_ms: str) -> Run:
+    speed = {"plant.vehicle.speed_m_s": float(speed_km_h) / 3.6}
+    return simulate(
+        plant, law, latency_s=1e-3 * float(delay_ms), duration_s=20.0, overrides=speed,
+        engine="compiled",
+    )  # fmt: skip
+
+
+def test_the_moving_picture_shows_what_is_said_of_it() -> None:
+    (within_mm,) = re.findall(r"stays within (\d+) mm", README)
+    plant = moving_plant()
+    assert f"At {3.6 * plant.vehicle.speed_m_s:g} km/h, commands" in README
+    runs = [simulate(plant, law, engine="compiled") for law in LAWS]
+    pd_m, predictor_m = (abs(run.plant.cg_deviation_m).max() for run in runs)
+    assert pd_m > IN_LANE_M
+    assert predictor_m == pytest.approx(1e-3 * float(within_mm), abs=1e-3)
+
+
+def test_the_errors_at_speed_are_those_of_runs() -> None:
+    ((speed, plant, law, rms, at, lost, other, rms_2, rms_3, at_3),) = re.findall(
+        r"At (\d+) km/h in a double lane change \(`(\w+)`\), `(\w+)` is (\d+) mm off at\s(\d+) ms"
+        r" and out of its lane at (\d+) ms; `(\w+)` is (\d+) mm off, and (\d+) mm at (\d+) ms",
+        README,
+    )
+    for preset, delay, wanted_mm in ((law, at, rms), (other, at, rms_2), (other, at_3, rms_3)):
+        run = run_of(plant, preset, speed, delay)
+        assert f"{1e3 * run.settled_rms_m:.0f}" == wanted_mm
+    assert abs(run_of(plant, law, speed, lost).plant.cg_deviation_m).max() > IN_LANE_M
