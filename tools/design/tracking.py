@@ -30,7 +30,9 @@ by g. With small angles its deviation is
 
     y_cg = y - d ψ - g,   g = ∫ (d - w) ρ(s - w) dw over w from 0 to d
 
-Limits, quantisation and jitter are left out; everything else is exact.
+The small angles leave out a share |y ρ| of the offset: 2 % where the preview point is 0.3 m off in
+a bend of 15 m, less than 0.3 mm of the RMS on the ellipse of 60 by 30 m. Limits, quantisation and
+jitter are left out too; everything else is exact.
 """
 
 import math
