@@ -13,7 +13,13 @@ from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import Settings, SharedTable, load_settings, read_preset, read_table
 from ..runtime.settings.plugin import Part
 from .evaluation.run_verdict import VerdictRules
-from .faults.settings import FAULTS_MAX, FaultSettings
+from .faults.settings import (
+    FAULTS_MAX,
+    MOTOR_FAULTS,
+    STEERING_FAULTS,
+    FaultKind,
+    FaultSettings,
+)
 from .network.settings import BothLatencySettings, find_latency_model
 from .path.corridor import CORRIDOR_M
 from .path.settings import CorridorSettings, EllipseSettings, PathSettings, find_path_model
@@ -22,6 +28,7 @@ from .steering.hand_wheel import HandWheelSettings
 from .steering.settings import SafetySettings, resync_ns_of
 from .vehicle.car.rack_settings import LAG_S_MIN
 from .vehicle.car.settings import CarSettings
+from .vehicle.car.steering_health import Failure
 from .vehicle.motion_parameters import motion_params
 from .vehicle.moving_vehicle import AnyMotionParams
 from .vehicle.settings import (
@@ -83,7 +90,7 @@ class PlantSettings(Settings):
     overruns: OverrunSettings = OverrunSettings()
     """Overruns of the sensors; with more, the plant counts as too slow and ends safely."""
     faults: tuple[FaultSettings, ...] = Field((), max_length=FAULTS_MAX)
-    """Injected into the frames to and from the plant (``plant_emulator.faults.stage``)."""
+    """Of frames to and from the plant (``plant_emulator.faults.stage``), and of its steering."""
 
     @model_validator(mode="after")
     def _passes_the_corridor(self) -> Self:
@@ -110,6 +117,22 @@ class PlantSettings(Settings):
                 " and actuator.rate_limit_rad_s of 0.001 to 100"
             )
         return self
+
+    @model_validator(mode="after")
+    def _has_the_steering_that_fails(self) -> Self:
+        for number, fault in enumerate(self.faults):
+            needed = "car" if fault.kind in STEERING_FAULTS else ""
+            needed = "car.rack" if fault.kind in MOTOR_FAULTS else needed
+            if (needed and self.car is None) or (
+                needed == "car.rack" and self.car is not None and self.car.rack is None
+            ):
+                raise ValueError(f"faults[{number}]: {fault.kind} needs a table [{needed}]")
+        return self
+
+    @property
+    def steering_failures(self) -> tuple[Failure, ...]:
+        """The faults of the steering, for its motion."""
+        return tuple(_failure(fault) for fault in self.faults if fault.kind in STEERING_FAULTS)
 
     @property
     def duration_ns(self) -> int:
@@ -142,10 +165,30 @@ class PlantSettings(Settings):
         return round(self.sensor_period_ms * NS_PER_MS)
 
 
+def _failure(fault: FaultSettings) -> Failure:
+    start_ns = round(fault.onset_s * NS_PER_S)
+    lasting = Failure(start_ns, start_ns + round(fault.duration_s * NS_PER_S))
+    match fault.kind:
+        case FaultKind.WEAK_MOTOR:
+            return lasting._replace(torque_share=fault.magnitude)
+        case FaultKind.LOST_CHANNEL:
+            return lasting._replace(torque_share=0.5, resistance_factor=2.0)
+        case FaultKind.SLOW_WHEEL:
+            return lasting._replace(rate_share=fault.magnitude)
+        case FaultKind.STUCK_WHEEL:
+            return lasting._replace(rate_share=0.0)
+    return lasting._replace(sensor_rad_s=fault.magnitude)
+
+
 def plant_motion_params(settings: PlantSettings) -> AnyMotionParams:
     """Return the constants of the motion; raises what ``motion_params`` raises."""
     return motion_params(
-        settings.vehicle, settings.actuator, settings.path, settings.disturbance, settings.car
+        settings.vehicle,
+        settings.actuator,
+        settings.path,
+        settings.disturbance,
+        settings.car,
+        settings.steering_failures,
     )
 
 

@@ -26,6 +26,7 @@ from ...plant_emulator.vehicle.car.car_design import car_motion_params
 from ...plant_emulator.vehicle.car.car_motion import CarInterval, GripPatch
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.car.speed_control import SpeedLeg
+from ...plant_emulator.vehicle.car.steering_health import Failure
 from ...plant_emulator.vehicle.disturbance import DisturbanceInterval
 from ...plant_emulator.vehicle.motion_parameters import design_motion_arrays
 from ...plant_emulator.vehicle.moving_vehicle import AnyMotionParams
@@ -189,10 +190,11 @@ def run_compiled(
     law of another package that does not compile, and NothingArrivesError where no measurement would
     ever reach the controller.
     """
-    if plant.faults:
+    of_frames = len(plant.faults) - len(plant.steering_failures)
+    if of_frames:
         raise FaultsNotCompiledError(
-            f"faults: {len(plant.faults)} given, but compiled runs have none; leave [[faults]] out,"
-            " or run the nodes: steer-by-wire run"
+            f"faults: {of_frames} of frames given, but compiled runs have none; leave these out, or"
+            " run the nodes: steer-by-wire run"
         )
     if plant.vehicle.model is not None:
         raise OwnVehicleNotCompiledError(
@@ -377,7 +379,7 @@ def _collected(
 def compiled_motion(plant: PlantSettings) -> AnyMotionParams:
     """Return the parameters of ``plant_motion_params``; equal plants share one."""
     inputs = plant.vehicle, plant.car, plant.actuator, plant.path, plant.disturbance
-    return _designed(*inputs, plant.parts)
+    return _designed(*inputs, plant.steering_failures, plant.parts)
 
 
 @lru_cache(maxsize=_MOTIONS_KEPT)
@@ -387,11 +389,12 @@ def _designed(
     actuator: ActuatorSettings,
     path: PathSettings,
     disturbance: DisturbanceSettings,
+    failures: tuple[Failure, ...],
     parts: tuple[Part, ...],
 ) -> AnyMotionParams:
     road = _road(path, parts)
     if car is not None:
-        params: Any = car_motion_params(vehicle, car, actuator, road, disturbance)
+        params: Any = car_motion_params(vehicle, car, actuator, road, disturbance, failures)
         speed = params.speed._replace(legs=_rows(SpeedLeg, params.speed.legs))
         intervals = _rows(CarInterval, params.intervals)
         patches = _rows(GripPatch, params.patches)

@@ -21,7 +21,6 @@ from .settings import (
     MESSAGES_OF,
     NAMES,
     OUR_NAMES,
-    FaultDirection,
     FaultSettings,
     Names,
     fields_of,
@@ -65,7 +64,7 @@ class MessagesOnBus(Protocol):
         ...
 
 
-_DOWN, _UP = (MESSAGES_OF[direction] for direction in FaultDirection)
+_DOWN, _UP = (MESSAGES_OF[direction] for direction in MESSAGES_OF)
 _MOVED_TO: Mapping[int, int] = MappingProxyType(
     {
         **dict.fromkeys(map(CAN_IDS.__getitem__, _DOWN), CAN_IDS[messages.SteeringCommand]),

@@ -1,4 +1,4 @@
-"""Settings tables `[[faults]]`: faults of frames to and from the plant.
+"""Settings tables `[[faults]]`: faults of frames to and from the plant, and of its steering.
 
     [[faults]]
     kind = "bit_flips"
@@ -10,7 +10,8 @@
 
 Wire faults change, drop, add or reorder frames, and the receiver's checks can detect them. Signal
 faults are those of a sender: the value is wrong, CRC and counter are valid.
-``plant_emulator.faults.stage`` applies them.
+``plant_emulator.faults.stage`` applies both, and ``vehicle.car.steering_health`` those of the
+steering.
 """
 
 from collections.abc import Collection, Mapping
@@ -32,12 +33,14 @@ FAULTS_MAX = 100
 
 
 class FaultDirection(StrEnum):
-    """Direction of the frames."""
+    """Direction of the frames, or the steering behind them."""
 
     DOWNLINK = "downlink"
     """To the plant: commands."""
     UPLINK = "uplink"
     """From the plant: measurements."""
+    STEERING = "steering"
+    """None: a fault inside the steering of a car, which no frame shows."""
 
 
 class FaultKind(StrEnum):
@@ -68,6 +71,13 @@ class FaultKind(StrEnum):
     SCALE = "scale"
     DRIFT = "drift"
     NOISE = "noise"
+    WEAK_MOTOR = "weak_motor"
+    LOST_CHANNEL = "lost_channel"
+    """One of two windings of the motor: half of the current, through twice the resistance."""
+    SLOW_WHEEL = "slow_wheel"
+    STUCK_WHEEL = "stuck_wheel"
+    DRIFTING_SENSOR = "drifting_sensor"
+    """The angle that the sensor reads, and the steering holds, moves away from the wheels."""
 
 
 class Magnitude(NamedTuple):
@@ -101,6 +111,11 @@ MAGNITUDES: Mapping[FaultKind, Magnitude] = MappingProxyType(
         FaultKind.SCALE: Magnitude("factor", -1000.0, 1000.0),
         FaultKind.DRIFT: Magnitude("in the signal's unit per second", -_HUGE, _HUGE),
         FaultKind.NOISE: Magnitude("standard deviation in the signal's unit", 0.0, _HUGE),
+        FaultKind.WEAK_MOTOR: Magnitude("share of the torque that is left", 0.0, 1.0),
+        FaultKind.LOST_CHANNEL: Magnitude("channels lost, of two", 1, 1, True),
+        FaultKind.SLOW_WHEEL: Magnitude("share of the rate that is left", 1e-3, 1.0),
+        FaultKind.STUCK_WHEEL: Magnitude("wheels stuck", 1, 1, True),
+        FaultKind.DRIFTING_SENSOR: Magnitude("rad/s", -1.0, 1.0),
     }
 )
 SIGNAL_FAULTS = frozenset(
@@ -114,6 +129,13 @@ SIGNAL_FAULTS = frozenset(
     }
 )
 """The kinds that need a signal."""
+MOTOR_FAULTS = frozenset({FaultKind.WEAK_MOTOR, FaultKind.LOST_CHANNEL})
+STEERING_FAULTS = MOTOR_FAULTS | {
+    FaultKind.SLOW_WHEEL,
+    FaultKind.STUCK_WHEEL,
+    FaultKind.DRIFTING_SENSOR,
+}
+"""The kinds inside the steering of a car; those of the motor need `[car.rack]`."""
 
 MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyType(
     {
@@ -153,6 +175,13 @@ class FaultSettings(Settings):
             )
         if self.kind not in SIGNAL_FAULTS and self.signal is not None:
             raise ValueError(f"{self.kind} changes no single signal: leave signal out")
+        if (self.direction is FaultDirection.STEERING) != (self.kind in STEERING_FAULTS):
+            right = "steering" if self.kind in STEERING_FAULTS else "downlink or uplink"
+            raise ValueError(f"direction of {self.kind} must be {right}, not {self.direction}")
+        if self.kind in STEERING_FAULTS:
+            if self.message != ALL:
+                raise ValueError(f"{self.kind} is a fault of no message: leave message out")
+            return self
         names: Names = (info.context or {}).get(NAMES, OUR_NAMES)
         names.refuse(self)
         return self

@@ -18,7 +18,7 @@ from ...runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
 from ..network.random_streams import Stream, uniforms
 from .effects import EFFECTS, FaultMemory, overtake
 from .messages_on_bus import OURS, MessagesOnBus
-from .settings import FaultDirection, FaultKind, FaultSettings
+from .settings import STEERING_FAULTS, FaultDirection, FaultKind, FaultSettings
 
 
 class FaultStage:
@@ -114,7 +114,9 @@ class FaultyNode(Wrapper[N]):
         super().__init__(node)
         self._messages = messages
         self.stages = [
-            FaultStage(fault, seed, place, messages) for place, fault in enumerate(faults)
+            FaultStage(fault, seed, place, messages)
+            for place, fault in enumerate(faults)
+            if fault.kind not in STEERING_FAULTS
         ]
         self._down, self._up = (
             [stage for stage in self.stages if stage.settings.direction is direction]
@@ -165,5 +167,7 @@ class FaultyNode(Wrapper[N]):
 def with_faults(
     node: N, faults: Sequence[FaultSettings], seed: int, messages: MessagesOnBus = OURS
 ) -> N | FaultyNode[N]:
-    """Return the node behind the faults of its settings; the node itself if there are none."""
-    return FaultyNode(node, faults, seed, messages) if faults else node
+    """Return the node behind the faults of its frames; the node itself if there are none."""
+    if all(fault.kind in STEERING_FAULTS for fault in faults):
+        return node
+    return FaultyNode(node, faults, seed, messages)

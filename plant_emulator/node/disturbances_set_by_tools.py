@@ -8,7 +8,7 @@ from typing import Any
 
 from ...dbc.messages import DisturbanceChange
 from ..settings import PlantSettings
-from ..vehicle.car.car_design import car_interval
+from ..vehicle.car.car_design import under_load
 from ..vehicle.car.car_motion import CarMotionParams
 from ..vehicle.disturbance import DisturbanceInterval, Load, disturbance_interval
 from ..vehicle.motion_parameters import MotionParams, transitions, vehicle_params
@@ -42,7 +42,8 @@ class LiveDisturbances:
             # Rounded, so that 1 - 0.7 equals a 0.3 in the settings.
             load = Load(*asked[:3], round(1.0 - asked.friction_loss, 6))
             if isinstance(self._params, CarMotionParams):
-                self._params = self._params._replace(intervals=[car_interval(0, load, self._arm_m)])
+                intervals = [under_load(x, load, self._arm_m) for x in self._params.intervals]
+                self._params = self._params._replace(intervals=intervals)
             else:
                 interval = disturbance_interval(0, load, self._arm_m, self._vehicle)
                 self._params = self._with_tables(self._params, interval)

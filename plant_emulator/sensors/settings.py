@@ -23,7 +23,8 @@ class PathAheadSettings(Settings):
 class SteeringForceSettings(Settings):
     """`[steering_force]`: STEERING_FORCE on the bus, what the road does to the rack.
 
-    The force on the rack is the lateral force of the front axle times trail over arm.
+    The force on the rack is that of `[car.rack]`; without one the lateral force of the front axle
+    times trail over arm.
     """
 
     period_ms: float = Field(10.0, ge=1.0, le=20.0)

@@ -14,6 +14,7 @@ from .actuator import ActuatorParams, WheelPhase
 from .car.car_design import car_motion_params
 from .car.car_motion import CarMotionParams
 from .car.settings import CarSettings
+from .car.steering_health import Failure
 from .disturbance import DisturbanceInterval, disturbance_intervals
 from .exact_propagation import (
     TABLE_ROWS,
@@ -54,13 +55,14 @@ def motion_params(
     path: PathSettings,
     disturbance: DisturbanceSettings,
     car: CarSettings | None = None,
+    failures: Sequence[Failure] = (),
 ) -> MotionParams | CarMotionParams:
     """Design the motion of a run: of ``car``, or linear, with transition tables (40 ms each).
 
     Raises SettingsError for a bad waypoint file, ValueError for a vehicle that cannot be computed.
     """
     if car is not None:
-        return car_motion_params(vehicle, car, actuator, build_path(path), disturbance)
+        return car_motion_params(vehicle, car, actuator, build_path(path), disturbance, failures)
     params = _params(vehicle, actuator, build_path(path), disturbance)
     table, first_rows = transitions(vehicle_params(vehicle), params.actuator, params.intervals)
     return params._replace(table=table, first_rows=first_rows)

@@ -5,9 +5,10 @@ The motion itself is ``plant_emulator.vehicle.motion_events``.
 
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 from ..path.path import Pose, vehicle_pose
-from .car.car_motion import CarMotionParams
+from .car.car_motion import CarMotionParams, rack_force_of_car_n
 from .exact_propagation import BETA, DELTA, PSI, RHO, LinearState, R, Y
 from .motion_choice import MOTIONS
 from .motion_events import MotionState, with_vehicle
@@ -145,6 +146,14 @@ class Motion:
     def front_lateral_n(self, vehicle: VehicleParams) -> float:
         """Lateral force of the front axle, to the left positive; ``vehicle`` is the settings'."""
         return float(self._steps.front_lateral_n(self._params, self._state, vehicle))
+
+    @property
+    def rack_force_n(self) -> float | None:
+        """Force of the tyres on the rack, to the left positive; None for a steering without one."""
+        if not isinstance(self._params, CarMotionParams):
+            return None
+        state: Any = self._state
+        return rack_force_of_car_n(state)
 
     @property
     def place(self) -> tuple[float, float]:

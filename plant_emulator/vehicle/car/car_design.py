@@ -1,6 +1,7 @@
 """From the settings tables to the constants of a car's motion."""
 
 import math
+from collections.abc import Sequence
 
 from ...path.drivability import GRAVITY_M_S2
 from ...path.path import Path
@@ -12,6 +13,7 @@ from .first_order import FirstOrderParams
 from .rack_settings import rack_params
 from .settings import CarSettings
 from .speed_control import SpeedParams, speed_legs
+from .steering_health import Failure, health_at
 from .tyre import TyreParams
 
 _DAMPING_RATIO = 0.3
@@ -66,6 +68,7 @@ def car_motion_params(
     actuator: ActuatorSettings,
     path: Path,
     disturbance: DisturbanceSettings,
+    failures: Sequence[Failure] = (),
 ) -> CarMotionParams:
     """Return the constants of a motion on a path that is built."""
     points = car.profile or [(0.0, vehicle.speed_m_s)]
@@ -90,10 +93,7 @@ def car_motion_params(
             GripPatch(end_m, friction)
             for end_m, friction in zip(starts[1:], frictions, strict=True)
         ],
-        intervals=[
-            car_interval(start_ns, load, disturbance.side_force_arm_m)
-            for start_ns, load in loads(disturbance).items()
-        ],
+        intervals=_intervals(disturbance, failures),
         speed_m_s=points[0][1],
         preview_distance_m=vehicle.preview_distance_m,
         lateral_error_m=vehicle.initial_lateral_error_m,
@@ -102,11 +102,24 @@ def car_motion_params(
     )
 
 
-def car_interval(start_ns: int, load: Load, side_force_arm_m: float) -> CarInterval:
-    """Return the interval in which a load acts."""
-    yaw_moment_n_m = load.yaw_moment_n_m + load.side_force_n * side_force_arm_m
-    return CarInterval(
-        start_ns, load.side_force_n, yaw_moment_n_m, load.steering_offset_rad, load.friction
+def _intervals(disturbance: DisturbanceSettings, failures: Sequence[Failure]) -> list[CarInterval]:
+    by_start_ns = loads(disturbance)
+    changes_ns = {time_ns for one in failures for time_ns in (one.start_ns, one.end_ns)}
+    intervals, load = [], by_start_ns[0]
+    for start_ns in sorted(by_start_ns.keys() | changes_ns):
+        load = by_start_ns.get(start_ns, load)
+        healthy = CarInterval(start_ns, 0.0, 0.0, 0.0, 1.0, *health_at(failures, start_ns))
+        intervals.append(under_load(healthy, load, disturbance.side_force_arm_m))
+    return intervals
+
+
+def under_load(interval: CarInterval, load: Load, side_force_arm_m: float) -> CarInterval:
+    """Return an interval with other disturbances."""
+    return interval._replace(
+        side_force_n=load.side_force_n,
+        yaw_moment_n_m=load.yaw_moment_n_m + load.side_force_n * side_force_arm_m,
+        steering_offset_rad=load.steering_offset_rad,
+        friction=load.friction,
     )
 
 

@@ -247,6 +247,12 @@ def front_lateral_of_car_n(_p: CarMotionParams, x: CarMotionState, _vehicle: Any
     return now.car.front_lateral_n
 
 
+def rack_force_of_car_n(x: CarMotionState) -> float | None:
+    """Return the force of the tyres on the rack, to the left positive [N]; None without a rack."""
+    _, _, (_, _, now, _, _, _) = x
+    return getattr(now.steering, "rack_force_n", None)
+
+
 def is_car_limited(x: CarMotionState) -> bool:
     """Return whether a limit of the actuator shapes the wheel's motion now."""
     _, _, (_, _, now, _, _, _) = x

@@ -205,12 +205,16 @@ def random_line(rng: random.Random, direction: str) -> list[str]:
 
 
 def test_a_car_on_a_rack_is_compiled_to_the_same_bits() -> None:
-    """With play, a dead time that overlaps several commands, and a network off the grid."""
+    """With play, a dead time that overlaps several commands, and faults of the steering."""
     plant = plant_preset(
         "bmw_320i",
         [
             *("duration_s=8", "car.rack={play_rad=0.004, friction='lugre'}"),
             *("actuator.dead_time_s=0.0437", "latency.uplink.mean_s=0.0123457"),
+            *("safety.follow_tolerance_rad='off'", "disturbance.steps=[{at_s=3, friction=0.8}]"),
+            "faults=[{kind='slow_wheel', direction='steering', onset_s=2.5, magnitude=0.1},"
+            " {kind='drifting_sensor', direction='steering', onset_s=2.0, magnitude=0.002},"
+            " {kind='stuck_wheel', direction='steering', onset_s=5, duration_s=0.3}]",
         ],
     )
     run = assert_same_as_nodes(plant, controller_preset("highway_pd"))

@@ -15,6 +15,7 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
+from steer_by_wire.plant_emulator.faults.effects import EFFECTS
 from steer_by_wire.plant_emulator.faults.settings import MAGNITUDES, FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node.node import PlantNode
@@ -87,7 +88,8 @@ def steers(came: Sequence[tuple[int, Frame]]) -> list[float]:
 
 
 def test_before_the_onset_and_after_the_end_nothing_is_changed() -> None:
-    for kind, (_, low, high, _) in MAGNITUDES.items():
+    for kind in EFFECTS:
+        _, low, high, _ = MAGNITUDES[kind]
         signal = {"signal": "steer_rad"} if kind.value in "spoofstuckoffsetscaledriftnoise" else {}
         magnitude = min(max(1.0, low), high)
         came = passed(fault(kind, magnitude, duration_s=0.1, **signal), count=200)
