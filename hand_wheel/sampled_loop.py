@@ -71,7 +71,7 @@ def sampled_feedback(
 ) -> SampledFeedback:
     """Return the loop, cut where the bus is."""
     parts = [wheel, road] if cdob is None else [wheel, road, cdob.nominal]
-    sampled = [_zero_order_hold(part, cycle_s) for part in parts]
+    sampled = [zero_order_hold(part, cycle_s) for part in parts]
     first = np.cumsum([0, *(len(part.b) for part in parts)])
     size = int(first[-1]) + (0 if cdob is None else 2)
     f, g, h = np.zeros((size, size)), np.zeros(size), np.zeros(size)
@@ -144,7 +144,8 @@ def _response(loop: SampledFeedback, omegas_rad_s: Matrix) -> NDArray[np.complex
     return np.asarray(states[..., 0] @ loop.h, np.complex128)
 
 
-def _zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:
+def zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:
+    """Return the system sampled every ``time_s``, its input held between."""
     order = len(system.b)
     both = np.zeros((order + 1, order + 1))
     both[:order, :order], both[:order, order] = system.a, system.b

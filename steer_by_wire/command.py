@@ -48,6 +48,9 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "run": _tool("run", "plant and controller in virtual time, without waiting"),
             "plant": Program("plant_emulator.__main__", "the plant on a CAN bus"),
             "controller": Program("controller.__main__", "the controller on a CAN bus"),
+            "hand-wheel": Program(
+                "hand_wheel.__main__", "a hand wheel with force feedback, and its driver"
+            ),
             "bus": _tool("bus", "an emulated CAN bus"),
         },
         "Watch it": {

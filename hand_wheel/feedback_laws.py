@@ -1,0 +1,161 @@
+"""Feedback laws: what the motor of the hand wheel is told each cycle, computed at the wheel.
+
+    rack_force   F = -g f                         the road's force as it arrives, scaled
+    spring       F = K i δ                        from the road wheels' angle, in STEERING_STATUS
+    model        F = G_n θ                        nominal way from angle to torque: no bus at all
+    cdob         F = -g f + d - slow(d)           communication disturbance observer
+                 d = Q (G_n θ + g f)              Q = ω_c/(s + ω_c)
+
+    F   torque against the angle [N m]            f   RACK_FORCE, to the left positive [N]
+    g   so that the nominal front axle, standing still sideways, gives K [N m/N]
+    K   torque gradient [N m/rad]                 G_n   ``nominal_road``
+    slow   low-pass of the washout: what is slower reaches the hand from the road alone
+
+The discrete cdob is that of ``sampled_loop``, which computes where the loop is stable. To each law
+come damping and friction of the motor, and, if asked for, a passivity controller: it counts the
+energy that the feedback has given to the wheel, and damps the wheel as soon as it gave more than it
+took (B. Hannaford and J.-H. Ryu, Time-domain passivity control of haptic interfaces, IEEE
+Transactions on Robotics and Automation 18(1), 2002).
+"""
+
+from collections.abc import Callable, Mapping
+from math import exp
+from types import MappingProxyType
+from typing import NamedTuple
+
+from ..dbc.messages import Message, SteeringForce, SteeringStatus
+from .sampled_loop import zero_order_hold
+from .wheel import LinearSystem
+
+Row = tuple[float, ...]
+
+
+class FeedbackParams(NamedTuple):
+    """The symbols above, sampled.
+
+    ``a``, ``b``, ``c``  G_n            ``kept``, ``kept_slow``  of Q and of the washout, a cycle
+    ``friction_n_m``     of the motor, full from a rate of ``friction_rad_s`` on
+    ``passive_n_m_s``    largest damping of the passivity controller; 0 for none
+    """
+
+    force_n_m_n: float
+    spring_n_m_rad: float
+    a: tuple[Row, ...]
+    b: Row
+    c: Row
+    kept: float
+    kept_slow: float
+    damping_n_m_s: float
+    friction_n_m: float
+    friction_rad_s: float
+    passive_n_m_s: float
+    cycle_s: float
+
+
+class FeedbackState(NamedTuple):
+    """State of G_n, d, slow(d), and the energy that the wheel has given to the feedback [J]."""
+
+    nominal: Row
+    observed_n_m: float
+    slow_n_m: float
+    energy_j: float
+
+
+class FeedbackInput(NamedTuple):
+    """Angle and rate of the hand wheel, force on the rack, angle of the road wheels."""
+
+    angle_rad: float
+    rate_rad_s: float
+    rack_force_n: float
+    wheel_rad: float
+
+
+Stepped = tuple[FeedbackState, float]
+LawStep = Callable[[FeedbackParams, FeedbackState, FeedbackInput], Stepped]
+
+
+class FeedbackLaw(NamedTuple):
+    """A law and the message without which it has nothing to say."""
+
+    step: LawStep
+    reads: type[Message] | None
+
+
+def rack_force_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
+    """Return the road's torque as it arrives."""
+    return x, -p.force_n_m_n * u.rack_force_n
+
+
+def spring_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
+    """Return the torque of a spring to the middle, which the road wheels stretch."""
+    return x, p.spring_n_m_rad * u.wheel_rad
+
+
+def model_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
+    """Return the torque of the nominal road."""
+    return x._replace(nominal=_advanced(p, x.nominal, u.angle_rad)), _dot(p.c, x.nominal)
+
+
+def cdob_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
+    """Return the road's torque with the model's in place of what is late in it."""
+    nominal, observed, slow, energy_j = x
+    road_n_m = -p.force_n_m_n * u.rack_force_n
+    missing_n_m = _dot(p.c, nominal) - road_n_m
+    after = FeedbackState(
+        _advanced(p, nominal, u.angle_rad),
+        p.kept * observed + (1.0 - p.kept) * missing_n_m,
+        p.kept_slow * slow + (1.0 - p.kept_slow) * observed,
+        energy_j,
+    )
+    return after, road_n_m + observed - slow
+
+
+FEEDBACK_LAWS: Mapping[str, FeedbackLaw] = MappingProxyType(
+    {
+        "rack_force": FeedbackLaw(rack_force_step, SteeringForce),
+        "spring": FeedbackLaw(spring_step, SteeringStatus),
+        "model": FeedbackLaw(model_step, None),
+        "cdob": FeedbackLaw(cdob_step, SteeringForce),
+    }
+)
+
+
+def resist(p: FeedbackParams, x: FeedbackState, against_n_m: float, rate_rad_s: float) -> Stepped:
+    """Return the torque to the left of a law's, with damping, friction and passivity controller."""
+    slip = min(max(rate_rad_s / p.friction_rad_s, -1.0), 1.0)
+    torque_n_m = -against_n_m - p.damping_n_m_s * rate_rad_s - p.friction_n_m * slip
+    if not p.passive_n_m_s:
+        return x, torque_n_m
+    energy_j = x.energy_j - torque_n_m * rate_rad_s * p.cycle_s
+    squared_s = rate_rad_s * rate_rad_s * p.cycle_s
+    if energy_j < 0.0 < squared_s:
+        damping_n_m_s = min(-energy_j / squared_s, p.passive_n_m_s)
+        torque_n_m -= damping_n_m_s * rate_rad_s
+        energy_j += damping_n_m_s * squared_s
+    return x._replace(energy_j=energy_j), torque_n_m
+
+
+def sampled_model(road: LinearSystem, cycle_s: float) -> tuple[tuple[Row, ...], Row, Row]:
+    """Return G_n with its input held for a cycle, as tuples."""
+    a, b, c = zero_order_hold(road, cycle_s)
+    return tuple(map(tuple, a.tolist())), tuple(b.tolist()), tuple(c.tolist())
+
+
+def kept_of(cutoff_rad_s: float, cycle_s: float) -> float:
+    """Return the share of a low-pass's state that a cycle leaves."""
+    return exp(-cutoff_rad_s * cycle_s)
+
+
+def feedback_at_rest(p: FeedbackParams) -> FeedbackState:
+    """Return the state at the start."""
+    return FeedbackState((0.0,) * len(p.c), 0.0, 0.0, 0.0)
+
+
+def _advanced(p: FeedbackParams, nominal: Row, angle_rad: float) -> Row:
+    return tuple(
+        _dot(row, nominal) + b * angle_rad for row, b in zip(p.a, p.b, strict=True)
+    )  # fmt: skip
+
+
+def _dot(left: Row, right: Row) -> float:
+    return sum(map(float.__mul__, left, right))

@@ -1,0 +1,360 @@
+"""The hand wheel as a node: wheel, driver and motor, and the law that makes the torque.
+
+At every cycle, in this order at one instant:
+
+1. the wheel has moved up to now, with the motor told what it was told a cycle ago
+2. the mode table and the law decide what the motor is told from now on
+3. HAND_WHEEL_STATE leaves, and every STATUS_NS HAND_WHEEL_STATUS
+
+Who steers is said by HAND_WHEEL_FEEDBACK; without a controller, the driver does. While the law
+steers, the motor lets the wheel follow the angle of the road wheels.
+"""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from math import isfinite, nan
+from typing import Any, NamedTuple
+
+from ..dbc.codec.protection import COUNTERS
+from ..dbc.codec.sender_watch import second_sender_line
+from ..dbc.messages import (
+    OTHER_REVISION_TEXT,
+    HandWheelFeedback,
+    HandWheelState,
+    HandWheelStatus,
+    LateralError,
+    Message,
+    Mode,
+    Sender,
+    SignalRange,
+    SteeredBy,
+    SteeringForce,
+    SteeringStatus,
+    VehicleState,
+    limits,
+    sent_by,
+)
+from ..dbc.messages import Hands as HandsSeen
+from ..dbc.reception import Reception
+from ..runtime.frame import Frame
+from ..runtime.node import NS_PER_S, View
+from ..runtime.node.overruns import OverrunSupervision, overrun_rule
+from ..runtime.node.periodic import PeriodicTimer
+from ..runtime.node.statistics import DurationStatistics, durations_report
+from .driver import HANDS_OFF, Sight, driver_at_rest, driver_step
+from .feedback_laws import FEEDBACK_LAWS, FeedbackInput, feedback_at_rest, resist
+from .modes import FeedbackMode, RoadEvidence, feedback_mode_step, share_step
+from .settings import HandWheelSettings
+from .shaking import WINDOW_S, shaking, shaking_text
+from .wheel_step import AT_REST, Hands, wheel_step
+
+RECEIVED: tuple[type[Message], ...] = (
+    SteeringForce,
+    SteeringStatus,
+    HandWheelFeedback,
+    LateralError,
+    VehicleState,
+)
+"""What the hand wheel receives; the last two are what the driver sees."""
+SENT = sent_by("HAND_WHEEL")
+"""What the hand wheel alone sends."""
+STATUS_NS = 100_000_000
+_LAW_NS = 500_000_000
+"""Without HAND_WHEEL_FEEDBACK for longer, the driver steers: chosen."""
+_REJECTED_COUNTERS = int(limits(HandWheelStatus)["rejected"].maximum) + 1
+_STATE_LIMITS = tuple(limits(HandWheelState).values())
+_APPLIED_RANGE = limits(HandWheelStatus)["applied_torque_n_m"]
+_NOT_FINITE = "the motion of the wheel was not finite"
+_MODES: Mapping[Mode, str] = {
+    Mode.WAITING: "WAITING for the road: local damping alone",
+    Mode.ACTIVE: "ACTIVE: the driver feels the road",
+    Mode.HOLDING: "HOLDING: the road is no longer fresh",
+    Mode.SAFE_STOP: "SAFE_STOP: the feedback has faded out, or does so",
+}
+
+
+class HandWheelSample(NamedTuple):
+    """One cycle, for plots; ``feedback_torque_n_m`` is what the motor makes."""
+
+    time_s: float
+    angle_rad: float
+    rate_rad_s: float
+    driver_torque_n_m: float
+    feedback_torque_n_m: float
+    rack_force_n: float
+    mode: Mode
+    steered_by: SteeredBy
+
+
+class HandWheelNode:
+    """The hand wheel on the bus.
+
+    ``start_ns``     first cycle [ns]
+    ``samples_max``  largest number of cycles stored in ``samples``
+
+    ``deadline_ns``  when the next cycle is due [ns]
+    ``finished``     whether a fault of its own has ended it, with the feedback faded out
+    """
+
+    def __init__(self, settings: HandWheelSettings, start_ns: int, samples_max: int = 0) -> None:
+        self._settings, self._start_ns = settings, start_ns
+        self._timer = PeriodicTimer(start_ns, settings.cycle_ns)
+        self._status_timer = PeriodicTimer(start_ns, STATUS_NS)
+        self.deadline_ns, self.finished = start_ns, False
+        self._overruns = OverrunSupervision(overrun_rule(settings.overruns))
+        self._reception = Reception(RECEIVED, settings.counters, SENT)
+        self._unauthenticated = 0
+        self._wheel_params, self._wheel = settings.wheel_params, AT_REST
+        self._law, self._feedback_params = (
+            FEEDBACK_LAWS[settings.feedback.law],
+            settings.feedback_params,
+        )
+        self._feedback = feedback_at_rest(self._feedback_params)
+        self._driver_params = settings.driver_params
+        self._driver, self._hands = (
+            driver_at_rest(self._driver_params),
+            Hands(HANDS_OFF, 0.0, 0.0, 0.0),
+        )
+        reads = self._law.reads
+        self._road = None if reads is None else self._reception.newest(reads)
+        self._orders = self._reception.newest(HandWheelFeedback)
+        self._mode_params = settings.mode_params
+        self._mode = FeedbackMode(Mode.WAITING, start_ns, 0)
+        self._share, self._share_step = 0.0, settings.cycle_ms / settings.supervision.fade_ms
+        self._told_n_m = self._ordered_n_m = 0.0
+        self._rack_force_n = self._wheel_rad = self._law_n_m = 0.0
+        self._ratio, self._steered_by = settings.steering_ratio, SteeredBy.DRIVER
+        self._sight = Sight(0.0, 0.0, 0.0, settings.nominal_model.speed_m_s, self._preview_m)
+        self._states, self._statuses = Sender(HandWheelState), Sender(HandWheelStatus)
+        self._sent_ns = [-1] * COUNTERS
+        self._round_trip = DurationStatistics()
+        self._failure = ""
+        self._entered = dict.fromkeys(Mode, 0)
+        self._clamped = self._served = 0
+        self._peak_rad = self._peak_n_m = 0.0
+        self._window: deque[float] = deque(maxlen=round(WINDOW_S / settings.cycle_s))
+        self._samples_left = samples_max
+        self.samples: list[HandWheelSample] = []
+
+    @property
+    def _preview_m(self) -> float:
+        two_point = self._settings.driver.two_point
+        return 0.0 if two_point is None else two_point.preview_distance_m
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Process a frame; the motor answers at the next cycle."""
+        before_ns = None if self._road is None else self._road.arrival_ns
+        message = self._reception.receive(frame, now_ns)
+        if isinstance(message, SteeringForce):
+            self._rack_force_n = message.rack_force_n
+        elif isinstance(message, SteeringStatus):
+            self._wheel_rad = message.wheel_angle_rad
+        elif isinstance(message, LateralError):
+            self._sight = self._sight._replace(
+                lateral_error_m=message.lateral_error_m, heading_error_rad=message.heading_error_rad
+            )
+        elif isinstance(message, VehicleState):
+            self._sight = self._sight._replace(
+                curvature_1_m=message.preview_curvature_1_m, speed_m_s=message.speed_m_s
+            )
+        elif isinstance(message, HandWheelFeedback):
+            self._on_orders(message, now_ns)
+        if self._law.reads is not None and isinstance(message, self._law.reads):
+            is_gap = before_ns is None or now_ns - before_ns > self._mode_params.timeout_ns
+            self._mode = self._mode._replace(good_run=1 if is_gap else self._mode.good_run + 1)
+        return ()
+
+    def on_unauthenticated(self) -> None:
+        """Count a frame that was refused before the node."""
+        self._unauthenticated += 1
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Run the cycle that is due."""
+        frames = []
+        if self._timer.deadline_ns <= now_ns:
+            due_ns, before = self._timer.deadline_ns, self._served
+            period = self._timer.advance(now_ns)
+            self._served = period
+            if not self._overruns.on_tick(self._timer):
+                self._failure = self._failure or self._overruns.failure
+            self._move(period - before)
+            self._decide(due_ns, now_ns)
+            frames.append(self._state_frame(now_ns))
+            self._keep(due_ns)
+        if self._status_timer.deadline_ns <= now_ns:
+            self._status_timer.advance(now_ns)
+            frames.append(self._status_frame(now_ns))
+        self.deadline_ns = min(self._timer.deadline_ns, self._status_timer.deadline_ns)
+        self._reception.on_sent(frames)
+        return frames
+
+    def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes with a cycle
+        """Return what a user should see now."""
+        reception, wheel = self._reception, self._wheel
+        states = {
+            "mode": _MODES[self._mode.mode],
+            "steered by": f"steered by the {self._steered_by.name.lower()}",
+            "second sender": second_sender_line(reception.second_senders),
+            "revision": OTHER_REVISION_TEXT if "other_revision" in reception.rejected else "",
+            "failure": self._failure and f"fault: {self._failure}",
+        }
+        counts = {
+            **{f"frames rejected, {cause}": n for cause, n in reception.rejected.items()},
+            "restarts of a sender accepted": reception.resynchronised,
+            "cycles skipped": self._timer.skipped,
+        }
+        now = (
+            f"{self._mode.mode.name}  wheel {wheel.angle_rad:+.3f} rad"
+            f"  driver {wheel.driver_torque_n_m:+.2f} N m  feedback {wheel.motor_n_m:+.2f} N m"
+            f"  rejected {reception.refused}  lost {reception.lost}"
+        )
+        return View(states, counts, now)
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the figures of the run so far, ready for JSON.
+
+        ``failure``     the fault it has detected in itself; empty if there is none
+        ``verdict``     whether the wheel shakes at the end; ``shakes_at_hz``, ``amplitude_rad`` of
+                        that, None if it is still
+        ``round_trip``  from HAND_WHEEL_STATE to the HAND_WHEEL_FEEDBACK that answers it
+        ``clamped``     values sent as the end of their signal's range
+        """
+        reception = self._reception
+        found = shaking(tuple(self._window), self._settings.cycle_s)
+        return {
+            "law": self._settings.feedback.law,
+            "cycle_s": self._settings.cycle_s,
+            "cycles": self._timer.index - self._timer.skipped,
+            "skipped_cycles": self._timer.skipped,
+            "failure": self._failure,
+            "mode": self._mode.mode.name.lower(),
+            "holdings": self._entered[Mode.HOLDING],
+            "safe_stops": self._entered[Mode.SAFE_STOP],
+            "steered_by": self._steered_by.name.lower(),
+            "verdict": shaking_text(found),
+            "shakes_at_hz": None if found is None else found.hz,
+            "amplitude_rad": None if found is None else found.amplitude_rad,
+            "peak_angle_rad": self._peak_rad,
+            "peak_driver_torque_n_m": self._peak_n_m,
+            "round_trip": durations_report(self._round_trip.summary()),
+            "accepted": reception.accepted,
+            "lost": reception.lost,
+            "rejected": reception.rejected,
+            "resynchronised": reception.resynchronised,
+            "second_senders": reception.second_senders,
+            "clamped": self._clamped,
+        }
+
+    def _on_orders(self, message: HandWheelFeedback, now_ns: int) -> None:
+        """Process who steers, the ratio, and the torque that the controller adds."""
+        self._steered_by, self._ordered_n_m = message.steered_by, message.feedback_torque_n_m
+        if message.steering_ratio >= 1.0:
+            self._ratio = message.steering_ratio
+        sent_ns = self._sent_ns[message.answered_state]
+        if sent_ns >= 0:
+            self._round_trip.record(now_ns - sent_ns)
+            self._sent_ns[message.answered_state] = -1
+
+    def _move(self, cycles: int) -> None:
+        """Advance the wheel, with hands and motor as they were decided last."""
+        wheel = self._wheel
+        for _ in range(cycles * self._settings.steps):
+            wheel = wheel_step(self._wheel_params, wheel, self._told_n_m, self._hands)
+        if isfinite(wheel.angle_rad) and isfinite(wheel.rate_rad_s):
+            self._wheel = wheel
+        else:
+            self._failure, self._wheel = self._failure or _NOT_FINITE, AT_REST
+
+    def _decide(self, due_ns: int, now_ns: int) -> None:
+        """Let mode table, law and driver decide for the cycle that begins."""
+        arrival_ns = None if self._road is None else self._road.arrival_ns
+        evidence = RoadEvidence(arrival_ns, self._road is not None, self._failure != "")
+        before = self._mode
+        self._mode = feedback_mode_step(self._mode_params, before, evidence, now_ns)
+        mode = self._mode.mode
+        if mode is not before.mode:
+            self._entered[mode] += 1
+        orders_ns = self._orders.arrival_ns
+        if orders_ns is not None and now_ns - orders_ns > _LAW_NS:
+            self._steered_by, self._ordered_n_m = SteeredBy.DRIVER, 0.0
+        angle_rad, rate_rad_s, _, _ = self._wheel
+        driver_steers = self._steered_by is not SteeredBy.LAW
+        self._driver, self._hands = driver_step(
+            self._driver_params,
+            self._driver,
+            self._sight,
+            angle_rad,
+            due_ns - self._start_ns,
+            driver_steers,
+        )
+        first_share = self._share if before.mode is not Mode.WAITING else 1.0
+        self._share = share_step(first_share, mode, self._share_step)
+        if mode is Mode.WAITING:
+            self._share = 0.0
+        damping = self._settings.supervision.fallback_damping_n_m_s
+        local_n_m = -damping * rate_rad_s
+        if mode in (Mode.ACTIVE, Mode.HOLDING) or self._share > 0.0:
+            inputs = FeedbackInput(angle_rad, rate_rad_s, self._rack_force_n, self._wheel_rad)
+            self._feedback, against_n_m = self._law.step(
+                self._feedback_params, self._feedback, inputs
+            )
+            self._feedback, self._law_n_m = resist(
+                self._feedback_params, self._feedback, against_n_m, rate_rad_s
+            )
+        felt_n_m = self._law_n_m if driver_steers else self._servo_n_m()
+        told_n_m = self._share * (felt_n_m + self._ordered_n_m) + (1.0 - self._share) * local_n_m
+        self._told_n_m = told_n_m if isfinite(told_n_m) else local_n_m
+        self.finished = self._failure != "" and self._share == 0.0
+
+    def _servo_n_m(self) -> float:
+        """Return the torque with which the wheel follows the road wheels."""
+        table, wheel = self._settings.feedback, self._wheel
+        lack_rad = self._ratio * self._wheel_rad - wheel.angle_rad
+        return table.servo_n_m * lack_rad - table.servo_n_m_s * wheel.rate_rad_s
+
+    def _state_frame(self, now_ns: int) -> Frame:
+        wheel = self._wheel
+        values = wheel.angle_rad, wheel.rate_rad_s, wheel.driver_torque_n_m
+        self._sent_ns[self._states.counter] = now_ns
+        pairs = zip(values, _STATE_LIMITS, strict=True)
+        return self._states.frame(HandWheelState(*(self._within(*pair) for pair in pairs)))
+
+    def _status_frame(self, now_ns: int) -> Frame:
+        is_held = self._hands.grip is not HANDS_OFF
+        status = HandWheelStatus(
+            mode=self._mode.mode,
+            hands=HandsSeen.ON if is_held else HandsSeen.OFF,
+            second_sender=self._reception.second_sender(now_ns),
+            applied_torque_n_m=self._within(self._wheel.motor_n_m, _APPLIED_RANGE),
+            rejected=(self._reception.refused + self._unauthenticated) % _REJECTED_COUNTERS,
+        )
+        return self._statuses.frame(status)
+
+    def _within(self, value: float, allowed: SignalRange) -> float:
+        if allowed.minimum <= value <= allowed.maximum:
+            return value
+        self._clamped += 1
+        return allowed.minimum if value < allowed.minimum else allowed.maximum
+
+    def _keep(self, due_ns: int) -> None:
+        """Record a cycle."""
+        angle_rad, rate_rad_s, motor_n_m, driver_n_m = self._wheel
+        self._window.append(angle_rad)
+        self._peak_rad = max(self._peak_rad, abs(angle_rad))
+        self._peak_n_m = max(self._peak_n_m, abs(driver_n_m))
+        if self._samples_left > 0:
+            self._samples_left -= 1
+            time_s = (due_ns - self._start_ns) / NS_PER_S
+            road_n = self._rack_force_n if self._road is not None else nan
+            self.samples.append(
+                HandWheelSample(
+                    time_s,
+                    angle_rad,
+                    rate_rad_s,
+                    driver_n_m,
+                    motor_n_m,
+                    road_n,
+                    self._mode.mode,
+                    self._steered_by,
+                )
+            )

@@ -1,0 +1,80 @@
+"""Nominal road: the way from hand wheel angle to the torque that comes back, without a bus.
+
+The road wheels follow the hand wheel's angle over the steering ratio by a servo; the torque at the
+hand wheel is that of the front axle's slip angle,
+
+    F  = K i (δ - β - l_f r/V)
+    β' = -(c_r + c_f)/(m V) β + ((c_r l_r - c_f l_f)/(m V²) - 1) r + c_f/(m V) δ
+    r' = (c_r l_r - c_f l_f)/J β - (c_r l_r² + c_f l_f²)/(J V) r + c_f l_f/J δ
+
+    K   torque_gradient_n_m  torque per angle of the hand wheel while the vehicle stands still
+                             sideways [N m/rad]
+    i   steering ratio       δ   angle of the road wheels [rad]
+    β, r   side slip angle [rad] and yaw rate [rad/s] at the speed V
+
+The vehicle is the linear single track, derived here once more: the plant's own is not shared with
+what is tested on it.
+"""
+
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+
+from .wheel import LinearSystem
+
+
+class Rack(NamedTuple):
+    """Servo of the road wheels and its ratio to the hand wheel; the defaults are chosen.
+
+    ``lag_s``  of a servo of first order in place of the second, as the linear plant has
+    """
+
+    bandwidth_hz: float = 8.0
+    damping: float = 0.8
+    steering_ratio: float = 16.0
+    lag_s: float | None = None
+
+
+class RoadVehicle(NamedTuple):
+    """The symbols above, for one vehicle at one speed."""
+
+    speed_m_s: float
+    virtual_mass_kg: float
+    yaw_inertia_kg_m2: float
+    front_cornering_stiffness_n_rad: float
+    rear_cornering_stiffness_n_rad: float
+    front_axle_distance_m: float
+    rear_axle_distance_m: float
+
+
+def road_torque(vehicle: RoadVehicle, torque_gradient_n_m: float, rack: Rack) -> LinearSystem:
+    """Return the system from hand wheel angle [rad] to torque against it [N m].
+
+    Its states are δ, for a servo of second order δ', β and r.
+    """
+    v, m, j, c_f, c_r, l_f, l_r = vehicle
+    turning = np.array(
+        [
+            [-(c_r + c_f) / (m * v), (c_r * l_r - c_f * l_f) / (m * v * v) - 1.0],
+            [(c_r * l_r - c_f * l_f) / j, -(c_r * l_r * l_r + c_f * l_f * l_f) / (j * v)],
+        ]
+    )
+    by_wheel = np.array([c_f / (m * v), c_f * l_f / j])
+    servo, ratio_1 = _servo(rack), 1.0 / rack.steering_ratio
+    order = len(servo.b)
+    a, b, c = np.zeros((order + 2, order + 2)), np.zeros(order + 2), np.zeros(order + 2)
+    a[:order, :order], b[:order] = servo.a, servo.b * ratio_1
+    a[order:, order:] = turning
+    a[order:, :order] = np.outer(by_wheel, servo.c)
+    c[:order], c[order:] = servo.c, (-1.0, -l_f / v)
+    return LinearSystem(a, b, torque_gradient_n_m * rack.steering_ratio * c)
+
+
+def _servo(rack: Rack) -> LinearSystem:
+    if rack.lag_s is not None:
+        rate_1_s = 1.0 / rack.lag_s
+        return LinearSystem(np.array([[-rate_1_s]]), np.array([rate_1_s]), np.array([1.0]))
+    omega_rad_s = 2.0 * pi * rack.bandwidth_hz
+    a = [[0.0, 1.0], [-(omega_rad_s**2), -2.0 * rack.damping * omega_rad_s]]
+    return LinearSystem(np.array(a), np.array([0.0, omega_rad_s**2]), np.array([1.0, 0.0]))

@@ -1,0 +1,68 @@
+"""Program ``steer-by-wire hand-wheel``: hand wheel and driver on a CAN bus, in real time.
+
+steer-by-wire hand-wheel --preset hands_off -i socketcan -c vcan0 --set feedback.law=cdob
+"""
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from ..dbc.messages import CAN_IDS
+from ..runtime.command_line import output_file, run_main
+from ..runtime.node import ReportingNode
+from ..runtime.program.fail_if_conditions import (
+    LOOP_QUANTITIES,
+    Ending,
+    Quantity,
+    add_fail_if_argument,
+)
+from ..runtime.program.node_options import load_program_settings, make_parser
+from ..runtime.program.run_node import Edge, run_node
+from .node import RECEIVED, SENT, HandWheelNode
+from .settings import PRESETS, HandWheelSettings, shared_vehicle
+from .trace import SAMPLES_MAX, write_hand_wheel_trace
+
+NAME = "steer-by-wire hand-wheel"
+QUANTITIES = {
+    "wheel_amplitude_rad": Quantity(lambda report: report["node"]["amplitude_rad"] or 0.0),
+    "wheel_safe_stops": Quantity(lambda report: float(report["node"]["safe_stops"])),
+}
+"""What ``--fail-if`` may name; the amplitude is that of shaking."""
+ENDING = Ending(
+    {**QUANTITIES, **LOOP_QUANTITIES}, lambda report: str(report["node"]["verdict"])
+)  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = make_parser(
+        NAME,
+        "Emulate hand wheel and driver on a CAN bus, with torque by what the road does.",
+        f"{NAME} --preset loose --set feedback.law=cdob",
+        PRESETS,
+        HandWheelSettings,
+    )
+    parser.add_argument(
+        "--vehicle", type=Path, metavar="VEHICLE.toml",
+        help="take [nominal_model] from [vehicle] of a file",
+    )  # fmt: skip
+    parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every cycle, CSV")
+    add_fail_if_argument(parser, ENDING.quantities)
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    vehicle = shared_vehicle(options.vehicle)
+    settings = load_program_settings(HandWheelSettings, PRESETS, options, (), vehicle)
+    samples_max = 0 if options.trace is None else SAMPLES_MAX
+
+    def make_node(start_ns: int) -> ReportingNode:
+        return HandWheelNode(settings, start_ns, samples_max)
+
+    def conclude(node: HandWheelNode) -> None:
+        if options.trace is not None:
+            write_hand_wheel_trace(options.trace, node.samples)
+
+    edge = Edge({CAN_IDS[kind] for kind in (*RECEIVED, *SENT)})
+    return run_node(NAME, options, settings, make_node, conclude, edge, ENDING)

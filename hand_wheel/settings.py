@@ -1,0 +1,242 @@
+"""``HandWheelSettings``: all settings of the hand wheel, in one table for each subject."""
+
+from math import ceil
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ..dbc.codec.counter_rule import CounterRule
+from ..runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
+from ..runtime.node.overruns import OverrunSettings
+from ..runtime.settings import Settings, SharedTable, read_table
+from .driver import DriverParams, Kick, TwoPointParams
+from .feedback_laws import FeedbackParams, kept_of, sampled_model
+from .modes import FeedbackSupervision
+from .nominal_road import Rack, RoadVehicle, road_torque
+from .wheel import GRIPS, HandWheel
+from .wheel_step import WheelParams, wheel_params
+
+PRESETS = "steer_by_wire.hand_wheel.presets"
+"""The package with the presets that are shipped."""
+STEP_S_MAX = 0.001
+"""Of the wheel's motion: a firmly held wheel swings 300 times as slowly."""
+_LAG_S_MIN = 1e-6
+_Gain = Annotated[float, Field(ge=0.0, le=1000.0)]
+
+
+class WheelSettings(Settings):
+    """`[wheel]`: the wheel and its motor; the defaults are chosen."""
+
+    inertia_kg_m2: float = Field(HandWheel().inertia_kg_m2, ge=1e-4, le=10.0)
+    damping_n_m_s: float = Field(HandWheel().damping_n_m_s, ge=0.0, le=100.0)
+    friction_n_m: float = Field(0.1, ge=0.0, le=20.0)
+    """Coulomb friction: the wheel sticks."""
+    stop_rad: float = Field(9.0, ge=0.1, le=13.0)
+    """Of either side: three turns from stop to stop."""
+    motor_lag_s: float = Field(HandWheel().motor_lag_s, ge=1e-4, le=1.0)
+    torque_n_m_max: float = Field(10.0, ge=0.1, le=20.0)
+    """Of the motor."""
+
+
+class KickSettings(Settings):
+    """One `[[driver.kicks]]`: a torque of the driver, beside that of his arms."""
+
+    at_s: float = Field(ge=0.0, le=1e6)
+    lasts_s: float = Field(0.1, ge=0.001, le=1e6)
+    torque_n_m: float = Field(3.0, ge=-20.0, le=20.0)
+
+
+class TwoPointSettings(Settings):
+    """`[driver.two_point]`: a driver who follows the path by sight (``driver``).
+
+    Structure and points after Salvucci and Gray (2004), whose gains, 16, 4 and 3, are of their own
+    simulator: these are chosen, so that he follows a double lane change at 60 km/h.
+    """
+
+    far_gain: _Gain = 6.0
+    near_gain: _Gain = 2.0
+    integral_gain_1_s: _Gain = 1.5
+    near_rad_max: float = Field(0.07, gt=0.0, le=1.0)
+    near_m: float = Field(8.0, ge=1.0, le=100.0)
+    far_s: float = Field(0.9, ge=0.1, le=10.0)
+    reaction_s: float = Field(0.12, ge=0.0, le=2.0)
+    """This and the next: Chinese Journal of Mechanical Engineering, 10.1186/s10033-020-00477-9,
+    table 1."""
+    neuromuscular_lag_s: float = Field(0.11, ge=1e-3, le=2.0)
+    preview_distance_m: float = Field(2.0, ge=0.0, le=100.0)
+    """Of the point whose lateral error is on the bus, as of the plant."""
+
+
+class DriverSettings(Settings):
+    """`[driver]`: how he holds the wheel, and what he does."""
+
+    grip: Literal["hands_off", "loose", "light", "firm"] = "light"
+    let_go_at_s: float | None = Field(None, ge=0.0, le=1e6)
+    """From then on the hands are off; if omitted, never."""
+    kicks: tuple[KickSettings, ...] = Field((), max_length=1000)
+    two_point: TwoPointSettings | None = None
+    """If omitted, he wishes the wheel to stand straight."""
+
+
+class NominalModelSettings(Settings):
+    """`[nominal_model]`: vehicle and steering as the feedback takes them; a sedan, chosen."""
+
+    speed_m_s: float = Field(80.0 / 3.6, ge=0.13, le=70.0)
+    virtual_mass_kg: float = Field(1750.0, ge=0.1, le=100_000.0)
+    yaw_inertia_kg_m2: float = Field(2900.0, ge=1e-4, le=1_000_000.0)
+    front_cornering_stiffness_n_rad: float = Field(110_000.0, ge=1.0, le=10_000_000.0)
+    rear_cornering_stiffness_n_rad: float = Field(150_000.0, ge=1.0, le=10_000_000.0)
+    front_axle_distance_m: float = Field(1.25, gt=0.0, le=20.0)
+    rear_axle_distance_m: float = Field(1.55, gt=0.0, le=20.0)
+    actuator_lag_s: float = Field(0.0, ge=0.0, le=10.0)
+    trail_m: float = Field(0.05, gt=0.0, le=0.5)
+    arm_m: float = Field(0.14, ge=1e-3, le=2.0)
+
+
+class FeedbackSettings(Settings):
+    """`[feedback]`: the law, and what the motor adds to it."""
+
+    law: Literal["rack_force", "spring", "model", "cdob"] = "rack_force"
+    torque_gradient_n_m: float = Field(6.0, ge=0.0, le=1000.0)
+    """Torque per angle of the hand wheel while the vehicle stands still sideways: chosen."""
+    cutoff_rad_s: float = Field(50.0, ge=0.1, le=1000.0)
+    """Of the cdob."""
+    washout_rad_s: float = Field(2.0, ge=0.0, le=100.0)
+    """Of the cdob; slower torque is the road's alone. 0: none is."""
+    damping_n_m_s: float = Field(0.0, ge=0.0, le=100.0)
+    friction_n_m: float = Field(0.0, ge=0.0, le=10.0)
+    friction_rad_s: float = Field(0.1, ge=0.001, le=10.0)
+    """Rate from which on that friction is full."""
+    passive_n_m_s_max: float = Field(0.0, ge=0.0, le=100.0)
+    """Largest damping of the passivity controller; 0: there is none."""
+    servo_n_m: float = Field(8.0, ge=0.0, le=1000.0)
+    """Stiffness with which the wheel follows the road wheels while the law steers: chosen."""
+    servo_n_m_s: float = Field(0.6, ge=0.0, le=100.0)
+
+
+class SupervisionSettings(Settings):
+    """`[supervision]`: what happens when the road falls silent."""
+
+    timeout_ms: float = Field(100.0, ge=1.0, le=10_000.0)
+    hold_ms: float = Field(100.0, ge=0.0, le=10_000.0)
+    """How long the newest road is still used then."""
+    fade_ms: float = Field(500.0, ge=1.0, le=60_000.0)
+    """From full feedback to none, and back."""
+    recovery_frames: int = Field(5, ge=1, le=100)
+    fallback_damping_n_m_s: float = Field(0.5, ge=0.0, le=100.0)
+    """Local damping that takes the place of the feedback."""
+    counter_lead_ms: float = Field(300.0, ge=0.0, le=10_000.0)
+    """How much earlier than its counter explains a frame may come."""
+
+
+class HandWheelSettings(Settings):
+    """One hand wheel with its driver."""
+
+    cycle_ms: float = Field(10.0, ge=1.0, le=20.0)
+    """Of HAND_WHEEL_STATE and of the feedback."""
+    steering_ratio: float = Field(16.0, ge=1.0, le=40.0)
+    """Until HAND_WHEEL_FEEDBACK says it."""
+    wheel: WheelSettings = WheelSettings()
+    driver: DriverSettings = DriverSettings()
+    feedback: FeedbackSettings = FeedbackSettings()
+    nominal_model: NominalModelSettings = NominalModelSettings()
+    supervision: SupervisionSettings = SupervisionSettings()
+    overruns: OverrunSettings = OverrunSettings()
+
+    @property
+    def cycle_ns(self) -> int:
+        """Period of the feedback [ns]."""
+        return round(self.cycle_ms * NS_PER_MS)
+
+    @property
+    def cycle_s(self) -> float:
+        """The same [s]."""
+        return self.cycle_ns / NS_PER_S
+
+    @property
+    def steps(self) -> int:
+        """Steps of the wheel's motion in a cycle."""
+        return ceil(self.cycle_s / STEP_S_MAX - 1e-9)
+
+    @property
+    def wheel_params(self) -> WheelParams:
+        """Constants of such a step."""
+        wheel = self.wheel
+        return wheel_params(
+            wheel.inertia_kg_m2,
+            wheel.damping_n_m_s,
+            wheel.friction_n_m,
+            wheel.stop_rad,
+            wheel.motor_lag_s,
+            wheel.torque_n_m_max,
+            self.cycle_s / self.steps,
+        )
+
+    @property
+    def feedback_params(self) -> FeedbackParams:
+        """Constants of the law: takes some milliseconds."""
+        table, model, ratio = self.feedback, self.nominal_model, self.steering_ratio
+        gradient = table.torque_gradient_n_m
+        vehicle = RoadVehicle(*(getattr(model, name) for name in RoadVehicle._fields))
+        lag_s = max(model.actuator_lag_s, _LAG_S_MIN)
+        road = road_torque(vehicle, gradient, Rack(steering_ratio=ratio, lag_s=lag_s))
+        force_n_rad = vehicle.front_cornering_stiffness_n_rad * model.trail_m / model.arm_m
+        return FeedbackParams(
+            gradient * ratio / force_n_rad,
+            gradient * ratio,
+            *sampled_model(road, self.cycle_s),
+            kept_of(table.cutoff_rad_s, self.cycle_s),
+            kept_of(table.washout_rad_s, self.cycle_s),
+            table.damping_n_m_s,
+            table.friction_n_m,
+            table.friction_rad_s,
+            table.passive_n_m_s_max,
+            self.cycle_s,
+        )
+
+    @property
+    def driver_params(self) -> DriverParams:
+        """Constants of the driver."""
+        table, cycle_s = self.driver, self.cycle_s
+        kicks = tuple(
+            Kick(_ns(kick.at_s), _ns(kick.at_s + kick.lasts_s), kick.torque_n_m)
+            for kick in table.kicks
+        )
+        let_go_ns = NEVER_NS if table.let_go_at_s is None else _ns(table.let_go_at_s)
+        two = table.two_point
+        two_point = None if two is None else TwoPointParams(
+            two.far_gain, two.near_gain, two.integral_gain_1_s, two.near_rad_max,
+            two.near_m, two.far_s, max(1, round(two.reaction_s / cycle_s)),
+            kept_of(1.0 / two.neuromuscular_lag_s, cycle_s),
+        )  # fmt: skip
+        return DriverParams(GRIPS[table.grip], let_go_ns, kicks, two_point, cycle_s)
+
+    @property
+    def mode_params(self) -> FeedbackSupervision:
+        """Constants of the mode table."""
+        table = self.supervision
+        times_ns = round(table.timeout_ms * NS_PER_MS), round(table.hold_ms * NS_PER_MS)
+        return FeedbackSupervision(*times_ns, table.recovery_frames)
+
+    @property
+    def counters(self) -> CounterRule:
+        """Which counters of received frames are accepted."""
+        table, times = self.supervision, self.mode_params
+        resync_ns = times.timeout_ns + self.cycle_ns + 1
+        return CounterRule(
+            round(table.counter_lead_ms * NS_PER_MS), table.recovery_frames, resync_ns
+        )
+
+
+def shared_vehicle(file: Path | None) -> SharedTable | None:
+    """Return [vehicle] of a file that the plant reads too, as [nominal_model]; SettingsError."""
+    if file is None:
+        return None
+    known = RoadVehicle._fields
+    model = {key: value for key, value in read_table(file, "vehicle").items() if key in known}
+    return SharedTable(str(file), {"nominal_model": model})
+
+
+def _ns(time_s: float) -> int:
+    return round(time_s * NS_PER_S)

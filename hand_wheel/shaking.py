@@ -1,0 +1,56 @@
+"""Whether the hand wheel shakes: its own motion at the end of a run, without what is slow in it.
+
+The last WINDOW_S are taken in two halves. In each, a straight line is fitted, and what is left has
+the amplitude √2 times its RMS. The wheel shakes if the amplitude of the second half is more than
+AMPLITUDE_RAD, not much less than that of the first, and crosses zero often enough.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+WINDOW_S = 6.0
+AMPLITUDE_RAD = 0.005
+"""Chosen: some ten steps of HAND_WHEEL_ANGLE."""
+_GROWTH_MIN = 0.7
+"""Smaller: it is dying down."""
+_HZ_MIN = 0.5
+"""Chosen: a driver who follows a road turns the wheel more slowly."""
+
+
+class Shaking(NamedTuple):
+    """Frequency [Hz] and amplitude [rad] of a wheel that shakes."""
+
+    hz: float
+    amplitude_rad: float
+
+
+def shaking(angles_rad: Sequence[float], period_s: float) -> Shaking | None:
+    """Return how a wheel shakes, None if it is still; angles at equal times, oldest first."""
+    half = len(angles_rad) // 2
+    if half * period_s < 1.0 / _HZ_MIN:
+        return None
+    angles = np.array(angles_rad[-2 * half :], np.float64)
+    first, second = _without_line(angles[:half]), _without_line(angles[half:])
+    before, after = (float(np.sqrt(2.0 * np.mean(part**2))) for part in (first, second))
+    crossings = int(np.count_nonzero(np.diff(np.signbit(second))))
+    hz = 0.5 * crossings / (half * period_s)
+    if after < AMPLITUDE_RAD or after < _GROWTH_MIN * before or hz < _HZ_MIN:
+        return None
+    return Shaking(hz, after)
+
+
+def shaking_text(found: Shaking | None) -> str:
+    """Return the verdict."""
+    if found is None:
+        return "still"
+    return f"shakes at {found.hz:.1f} Hz, ±{found.amplitude_rad:.2g} rad"
+
+
+def _without_line(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    times = np.arange(len(values)) - 0.5 * (len(values) - 1)
+    slope = float(times @ values) / float(times @ times)
+    left: NDArray[np.float64] = values - values.mean() - slope * times
+    return left

@@ -1,0 +1,111 @@
+"""Motion of the hand wheel in the driver's hands: inertia, friction that sticks, stops, motor.
+
+    (J + J_a) ω' = u + T_d - k_a (θ - θ_w) - (b + b_a) ω + b_a θ_w' - F_c sgn ω       θ' = ω
+    u' = (u_cmd - u)/T_m,   |u_cmd| ≤ u_max
+
+    θ, ω      angle and rate of the wheel, to the left positive            [rad], [rad/s]
+    u, u_cmd  torque of the motor, and what it is told                     [N m]
+    T_d       torque of the driver beside his arms' impedance              [N m]
+    θ_w       angle that the driver wishes
+    J_a, b_a, k_a   his arms (``Grip``)          F_c   Coulomb friction    [N m]
+
+A step is trapezoidal, with the mean of the motor's exact torque; so a linear wheel (F_c = 0) moves
+as the exact one up to an error of the third order in the step. Friction acts by the rate at the
+step's end: where it can stop the wheel within the step, the rate there is zero, and a wheel at rest
+stays exactly where it is.
+"""
+
+from math import exp
+from typing import NamedTuple
+
+from .wheel import Grip
+
+
+class WheelParams(NamedTuple):
+    """The symbols above, without the arms.
+
+    ``kept``        share of the motor's lack that is left after a step, e^(-h/T_m)
+    ``kept_mean``   its mean over the step
+    ``step_s``      h
+    """
+
+    inertia_kg_m2: float
+    damping_n_m_s: float
+    friction_n_m: float
+    stop_rad: float
+    torque_n_m_max: float
+    kept: float
+    kept_mean: float
+    step_s: float
+
+
+class WheelState(NamedTuple):
+    """The wheel; ``driver_torque_n_m`` is what the hands exert, by an ideal torque sensor."""
+
+    angle_rad: float
+    rate_rad_s: float
+    motor_n_m: float
+    driver_torque_n_m: float
+
+
+class Hands(NamedTuple):
+    """What the driver does during a step."""
+
+    grip: Grip
+    wished_rad: float
+    wished_rad_s: float
+    torque_n_m: float
+
+
+AT_REST = WheelState(0.0, 0.0, 0.0, 0.0)
+
+
+def wheel_params(
+    inertia_kg_m2: float,
+    damping_n_m_s: float,
+    friction_n_m: float,
+    stop_rad: float,
+    motor_lag_s: float,
+    torque_n_m_max: float,
+    step_s: float,
+) -> WheelParams:
+    """Return the constants of steps of ``step_s`` > 0; lag and inertia are positive."""
+    steps = step_s / motor_lag_s
+    kept = exp(-steps)
+    kept_mean = (1.0 - kept) / steps
+    motor = torque_n_m_max, kept, kept_mean, step_s
+    return WheelParams(inertia_kg_m2, damping_n_m_s, friction_n_m, stop_rad, *motor)
+
+
+def wheel_step(p: WheelParams, x: WheelState, command_n_m: float, hands: Hands) -> WheelState:
+    """Return the state after a step, with the command held."""
+    angle, rate, motor_n_m, _ = x
+    (arms_inertia, arms_damping, stiffness), wished, wished_rate, torque_n_m = hands
+    h = p.step_s
+    lack_n_m = motor_n_m - min(max(command_n_m, -p.torque_n_m_max), p.torque_n_m_max)
+    told_n_m = motor_n_m - lack_n_m
+    inertia = p.inertia_kg_m2 + arms_inertia
+    # Mean rate over the step, as if without friction: resistance times it is what pushes.
+    resistance = 2.0 * inertia / h + p.damping_n_m_s + arms_damping + 0.5 * h * stiffness
+    pushes = told_n_m + p.kept_mean * lack_n_m + torque_n_m + arms_damping * wished_rate
+    pushes += stiffness * (wished + 0.5 * h * wished_rate - angle) + 2.0 * inertia / h * rate
+    free_rate = 2.0 * pushes / resistance - rate
+    stopped_rate = 2.0 * p.friction_n_m / resistance
+    if free_rate > stopped_rate:
+        end_rate = free_rate - stopped_rate
+    elif free_rate < -stopped_rate:
+        end_rate = free_rate + stopped_rate
+    else:
+        end_rate = 0.0
+    mean_rate = 0.5 * (rate + end_rate)
+    end_angle = angle + h * mean_rate
+    acceleration = (end_rate - rate) / h
+    if abs(end_angle) >= p.stop_rad:
+        end_angle = p.stop_rad if end_angle > 0.0 else -p.stop_rad
+        if end_angle * end_rate > 0.0:
+            end_rate = acceleration = 0.0
+    mean_angle = angle + 0.5 * h * mean_rate
+    hands_n_m = torque_n_m + arms_damping * (wished_rate - mean_rate)
+    hands_n_m += stiffness * (wished + 0.5 * h * wished_rate - mean_angle)
+    hands_n_m -= arms_inertia * acceleration
+    return WheelState(end_angle, end_rate, told_n_m + p.kept * lack_n_m, hands_n_m)

@@ -1,0 +1,143 @@
+"""The wheel's motion step: exact enough, friction that sticks, stops, and delays that shake it."""
+
+from math import inf
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire import feedback_stability
+from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.hand_wheel.sampled_loop import (
+    SampledFeedback,
+    sampled_feedback,
+    unstable_round_trips,
+    zero_order_hold,
+)
+from steer_by_wire.hand_wheel.settings import HandWheelSettings
+from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
+from steer_by_wire.hand_wheel.wheel_step import (
+    AT_REST,
+    Hands,
+    WheelParams,
+    WheelState,
+    wheel_params,
+    wheel_step,
+)
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
+
+SEDAN = VehicleParams(80 / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
+
+
+def params(
+    *, inertia: float = 0.035, damping: float = 0.15, friction: float = 0.0, stop: float = inf,
+    lag_s: float = 0.004, step_s: float = 1e-3,
+) -> WheelParams:  # fmt: skip
+    return wheel_params(inertia, damping, friction, stop, lag_s, 20.0, step_s)
+
+
+def held(grip: str, torque_n_m: float = 0.0) -> Hands:
+    return Hands(GRIPS[grip], 0.0, 0.0, torque_n_m)
+
+
+def linear_map(grip: str, cycle_s: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a cycle of steps makes of angle, rate and motor, and of the command."""
+
+    def after(state: WheelState, command: float) -> list[float]:
+        for _ in range(steps):
+            state = wheel_step(params(step_s=cycle_s / steps), state, command, held(grip))
+        return list(state[:3])
+
+    units = [WheelState(*row, 0.0) for row in np.eye(3)]
+    return np.array([after(unit, 0.0) for unit in units]).T, np.array(after(AT_REST, 1.0))
+
+
+@pytest.mark.parametrize("grip", sorted(GRIPS))
+def test_a_cycle_of_steps_moves_a_linear_wheel_as_the_exact_system(grip: str) -> None:
+    steps = HandWheelSettings().steps
+    f, g = linear_map(grip, 0.01, steps)
+    exact = zero_order_hold(held_wheel(HandWheel(), GRIPS[grip]), 0.01)
+    assert f[:2, :2] == pytest.approx(exact.a[:2, :2], abs=2e-5, rel=1e-3)
+    assert g[:2] == pytest.approx(-exact.b[:2], rel=1e-2)  # the motor's torque is to the left
+
+
+@pytest.mark.parametrize("cycle_s", [0.001, 0.01])
+@pytest.mark.parametrize("grip", sorted(GRIPS))
+def test_the_steps_move_no_boundary_by_half_a_millisecond(grip: str, cycle_s: float) -> None:
+    road = road_torque(SEDAN, 12.0, Rack())
+    exact = sampled_feedback(held_wheel(HandWheel(), GRIPS[grip]), road, cycle_s)
+    f, g = linear_map(grip, cycle_s, round(cycle_s / 1e-3))
+    stepped = SampledFeedback(exact.f.copy(), exact.g.copy(), exact.h, cycle_s)
+    stepped.f[:3, :3], stepped.g[:3] = f, -g
+    pairs = zip(unstable_round_trips(exact, 0.6), unstable_round_trips(stepped, 0.6), strict=True)
+    for one, other in pairs:
+        assert one.start_s == pytest.approx(other.start_s, abs=0.5e-3)
+
+
+def growth(stiffness: float, delay_s: float, hz: float, behind: int = 50) -> float:
+    """Return the amplitude after 60 periods over that after 20, on a spring that answers late."""
+    step_s = delay_s / (behind + 0.5)  # the command is held for a step
+    p = params(inertia=0.04, damping=0.2, lag_s=1e-9, step_s=step_s)
+    periods = int(1.0 / hz / step_s) + 1
+    state, angles = AT_REST._replace(angle_rad=1.0), [1.0] * (behind + 1)
+    for _ in range(60 * periods):
+        state = wheel_step(p, state, -stiffness * angles[-behind - 1], held("hands_off"))
+        angles.append(state.angle_rad)
+    return max(map(abs, angles[-periods:])) / max(map(abs, angles[20 * periods : 21 * periods]))
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "stable_ms"), [(2.0, 108), (5.0, 41.3), (10.0, 20.3), (20.0, 10.1)]
+)
+def test_a_wheel_alone_shakes_from_the_computed_delay_on(
+    stiffness: float, stable_ms: float
+) -> None:
+    exact = feedback_stability(inertia_kg_m2=0.04, damping_n_m_s=0.2, stiffness_n_m=stiffness)
+    assert 1e3 * exact.stable_delay_s == pytest.approx(stable_ms, abs=0.5)
+    inside, outside = (
+        growth(stiffness, factor * exact.stable_delay_s, exact.shakes_at_hz)
+        for factor in (0.98, 1.02)
+    )
+    assert inside < 1.0 < outside
+
+
+@settings(max_examples=50)
+@given(st.floats(0.1, 2.0), st.floats(-0.99, 0.99), st.floats(-1.0, 1.0))
+def test_a_wheel_within_its_friction_stays_where_it_is(
+    friction: float, share: float, angle: float
+) -> None:
+    p, state = params(friction=friction), AT_REST._replace(angle_rad=angle)
+    for _ in range(50):
+        state = wheel_step(p, state, 0.0, held("hands_off", share * friction))
+    assert (state.angle_rad, state.rate_rad_s) == (angle, 0.0)
+    for _ in range(50):
+        state = wheel_step(p, state, 0.0, held("hands_off", 1.05 * friction))
+    assert state.angle_rad > angle
+
+
+@settings(max_examples=50)
+@given(st.floats(0.1, 2.0), st.floats(0.5, 20.0), st.sampled_from(sorted(GRIPS)))
+def test_friction_stops_a_moving_wheel_and_gives_it_no_energy(
+    friction: float, rate: float, grip: str
+) -> None:
+    arms = GRIPS[grip]
+    p, state = params(friction=friction), AT_REST._replace(rate_rad_s=rate)
+    inertia, before = 0.035 + arms.inertia_kg_m2, inf
+    for _ in range(5000):
+        state = wheel_step(p, state, 0.0, held(grip))
+        energy = inertia * state.rate_rad_s**2 + arms.stiffness_n_m * state.angle_rad**2
+        assert energy <= before * (1.0 + 1e-12)
+        before = energy
+        if state.rate_rad_s == 0.0 and arms.stiffness_n_m * abs(state.angle_rad) <= friction:
+            break
+    assert state.rate_rad_s == 0.0
+
+
+def test_a_wheel_ends_at_its_stop_and_comes_back() -> None:
+    p, state = params(stop=1.0), AT_REST
+    for _ in range(500):
+        state = wheel_step(p, state, 0.0, held("hands_off", 5.0))
+    assert (state.angle_rad, state.rate_rad_s) == (1.0, 0.0)
+    state = wheel_step(p, state, 0.0, held("hands_off", -5.0))
+    assert state.rate_rad_s < 0.0
