@@ -57,9 +57,15 @@ class ControllerSettings(LawSettings):
         return steer_limits_of(self.limits, self.period_ns)
 
     @property
+    def designed_ranges(self) -> DesignedRanges:
+        """The speeds and the delay that the settings were designed for."""
+        return designed_ranges_of(self.validity, self.period_ns / NS_PER_S)
+
+    @property
     def demand_ranges(self) -> DesignedRanges:
         """The speeds at which the law may ask for all of its steer."""
-        return designed_ranges_of(None if self.law_record.schedules_demand else self.validity)
+        scheduled = None if self.law_record.schedules_demand else self.validity
+        return designed_ranges_of(scheduled, self.period_ns / NS_PER_S)
 
     @property
     def age_limits(self) -> AgeLimits:

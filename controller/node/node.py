@@ -31,7 +31,7 @@ from ..limits.steer_limits import limit_name, limit_step
 from ..settings import ControllerSettings
 from .command_frames import CommandFrames
 from .law_runner import LawRunner
-from .model_fit import model_fit
+from .model_fit import COMPARED, model_fit
 from .modes import Supervisor, supervision_of
 from .newest_messages import RECEIVED, SENT, Received
 from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
@@ -100,12 +100,16 @@ class ControllerNode:
         self._plausibility = Plausibility(vehicle, has_plans=self._law.design.plan is not None)
         self._is_stopped = False
         self._fit = model_fit(settings)
-        self._safety = SafetyReport(settings.validity, self._received, self._supervisor, start_ns)
+        self._safety = SafetyReport(
+            settings.designed_ranges, self._received, self._supervisor, start_ns
+        )
         self._figures = RunFigures(start_ns, settings.period_ns, samples_max)
 
     def leave_out(self, missing: frozenset[str]) -> None:
         """Take the named signals of the plant for missing on this bus."""
         self._plausibility.leave_out(missing)
+        if missing & COMPARED:
+            self._fit = None
 
     @property
     def samples(self) -> Sequence[ControlSample]:
