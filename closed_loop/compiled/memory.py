@@ -14,15 +14,20 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 from numba.core import cgutils, errors
-from numba.extending import intrinsic
+from numba.extending import intrinsic, lower_builtin, type_callable
+from numba.np import arrayobj
 from numpy.typing import NDArray
 
 from ...controller.prediction.vehicle_kalman_filter import Correction, VehicleGains
 
 _types: Any = numba.types
 _cgutils: Any = cgutils
+_arrays: Any = arrayobj
+_type_callable: Any = type_callable
+_lower_builtin: Any = lower_builtin
 """Untyped, as numba has no types for them."""
 
+_FLOATS = _types.Array(_types.float64, 1, "C")
 _ROWS = (VehicleGains, Correction)
 KEPT_BYTES = 2048
 """Size of the memory that ``at`` may be given."""
@@ -57,6 +62,9 @@ def memory_of(layout: np.dtype[Any]) -> Memory:
 
 def with_tables(value: Any) -> tuple[Any, list[NDArray[Any]]]:
     """Return nested tuples with the address of each table of gains in its place, and the tables."""
+    if type(value) is list and type(value[0]) is tuple:  # rows of numbers
+        numbers = np.array(value, np.float64)
+        return numbers.ctypes.data, [numbers]
     is_table = type(value) in (list, tuple) and value and isinstance(value[0], _ROWS)
     if not is_table and not isinstance(value, tuple):
         return value, []
@@ -133,6 +141,41 @@ def _called(_typing: Any, address: Any, like: Any, given: Any) -> Any:
         return answer
 
     return _types.unliteral(like)(address, like, given), generate
+
+
+def _array(context: Any, builder: Any, size: Any, data: Any) -> Any:
+    """Return an array, without a reference count, of numbers that are there already."""
+    made = context.make_array(_FLOATS)(context, builder)
+    item = context.get_constant(_types.intp, 8)
+    _arrays.populate_array(made, builder.bitcast(data, made.data.type), [size], [item], item, None)
+    return made._getvalue()
+
+
+def rows_by_address(row_at: Any, width: int) -> None:
+    """Let compiled functions call ``row_at(address, index)``: it returns the floats of a row."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        size = context.get_constant(_types.intp, width)
+        index = context.cast(builder, arguments[1], signature.args[1], _types.intp)
+        pointer = context.get_value_type(_types.float64).as_pointer()
+        first = builder.inttoptr(arguments[0], pointer)
+        return _array(context, builder, size, builder.gep(first, [builder.mul(index, size)]))
+
+    _type_callable(row_at)(lambda _context: lambda _address, _index: _FLOATS)
+    _lower_builtin(row_at, _types.Integer, _types.Integer)(generate)
+
+
+def on_stack(make: Any, count: int) -> None:
+    """Let compiled functions call ``make``: it returns zeros on the stack of its caller."""
+
+    def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+        kind = _cgutils.ir.ArrayType(context.get_value_type(_types.float64), count)
+        place = _cgutils.alloca_once(builder, kind)
+        builder.store(_cgutils.ir.Constant(kind, None), place)  # at every call: loops call again
+        return _array(context, builder, context.get_constant(_types.intp, count), place)
+
+    _type_callable(make)(lambda _context: lambda: _FLOATS)
+    _lower_builtin(make)(generate)
 
 
 at: Any = intrinsic(_at)

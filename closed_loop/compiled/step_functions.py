@@ -34,6 +34,7 @@ from ...controller.laws.set_point import (
 )
 from ...controller.limits.fades_and_ramps import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
+from ...controller.prediction.horizon import WIDTH, row_at, vector
 from ...controller.prediction.vehicle_kalman_filter import (
     Correction,
     VehicleGains,
@@ -60,7 +61,7 @@ from ...plant_emulator.vehicle.car.steering_choice import (
 from ...plant_emulator.vehicle.motion_choice import MOTIONS
 from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import SettingsError
-from .memory import at, layout_of, read
+from .memory import at, layout_of, on_stack, read, rows_by_address
 
 _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     limit_step,
@@ -125,13 +126,8 @@ def _choose(function: Callable[..., Any], choose: Callable[[type], Any]) -> None
 start_motion = _chosen_by_type(lambda kind: MOTIONS[kind].start)
 command_motion = _chosen_by_type(lambda kind: MOTIONS[kind].command)
 advance_motion = _chosen_by_type(lambda kind: MOTIONS[kind].advance)
-brake_motion = _chosen_by_type(lambda kind: _braking(MOTIONS[kind].brake))
 place_of = _chosen_by_type(lambda kind: MOTIONS[kind].place)
 """(params, ...): as in ``vehicle.motion_choice.MotionSteps``."""
-
-
-def _braking(brake: Callable[[Any, float], Any]) -> Callable[[Any, Any, float], Any]:
-    return lambda _params, state, brake_m_s2: brake(state, brake_m_s2)
 
 
 def _at_rest_of(kind: type) -> Callable[[Any], Any]:
@@ -141,7 +137,9 @@ def _at_rest_of(kind: type) -> Callable[[Any], Any]:
 
 _choose(steering_step, lambda kind: STEERINGS[kind][0])
 _choose(steering_at_rest, _at_rest_of)
-_CHOSEN: frozenset[Callable[..., Any]] = frozenset((steering_step, steering_at_rest))
+_CHOSEN: frozenset[Callable[..., Any]] = frozenset(
+    (steering_step, steering_at_rest, row_at, vector)
+)
 
 
 def step_functions() -> tuple[Callable[..., Any], ...]:
@@ -152,7 +150,7 @@ def step_functions() -> tuple[Callable[..., Any], ...]:
     motions = [
         function
         for each in MOTIONS.values()
-        for function in (each.start, each.command, each.brake, each.advance, each.place)
+        for function in (each.start, each.command, each.advance, each.place)
     ]
     motions += [step for step, _ in STEERINGS.values()]
     reached = _reached((*_CALLED_BY_LOOPS, *motions, *around, *laws, *plans))
@@ -318,10 +316,13 @@ _lower_builtin: Any = lower_builtin
 
 @cache
 def register_records() -> None:
-    """Let compiled functions call ``new_record``, which is ``tuple.__new__`` and unknown to numba.
+    """Let compiled functions call ``new_record`` and ``vector``, which are unknown to numba.
 
-    In compiled code it costs nothing: the tuple and the NamedTuple have the same layout.
+    A record costs nothing: the tuple and the NamedTuple have the same layout. A vector is made on
+    the stack of its caller.
     """
+    on_stack(vector, WIDTH)
+    rows_by_address(row_at, WIDTH)
     _type_callable(new_record)(_typing)
     _lower_builtin(new_record, _types.NamedTupleClass, _types.BaseTuple)(_same)
 

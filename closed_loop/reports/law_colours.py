@@ -27,6 +27,7 @@ LAW_LINES = {
     "pid": LawLine(COLOURS[1], (7, 2)),
     "predictor": LawLine(COLOURS[2], (3, 1, 1, 1)),
     "packet": LawLine(COLOURS[5], (1, 1)),
+    "mpc": LawLine("#882255", (9, 1, 3, 1)),
     "smith": LawLine(_GREY, (2, 3)),
 }
 """By the law's name in the settings."""

@@ -86,7 +86,9 @@ def loop_around(settings: ControllerSettings, vehicle: NominalVehicle, known: Re
     design = _analysed_law(settings)
     if design.looking_back is None:
         return _loop_of(settings, design, vehicle, known)
-    return PeriodicLoop(design, settings.loop_delay, LoopModel(vehicle), known)
+    return PeriodicLoop(
+        design, settings.loop_delay, LoopModel(vehicle, settings.estimator.actuator_lag_s), known
+    )
 
 
 def loop_response(
@@ -159,7 +161,8 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
     }
     design = _analysed_law(settings)
     if design.looking_back is not None:
-        loop_model = LoopModel(vehicle_of(settings).vehicle)
+        lag_s = settings.estimator.actuator_lag_s
+        loop_model = LoopModel(vehicle_of(settings).vehicle, lag_s)
         return figures | _looking_back(settings, design, design.looking_back, loop_model, progress)
     try:
         law = law_system(design)

@@ -111,11 +111,38 @@ class PredictorState(NamedTuple):
     fade_rad: float
 
 
+class Outlook(NamedTuple):
+    """What is known in a period: both filters, and how far ahead this period's command acts.
+
+    ``newest``   the estimate at the newest measurement
+    ``horizon``  from there until the command acts, in samples
+    """
+
+    estimate: EstimatorState
+    measured: MeasuredState
+    settled_sample: int
+    gains: VehicleGains
+    newest: EstimatorState
+    horizon: float
+    is_predicting: bool
+
+
 def predictor_step(
     p: PredictorParams, x: PredictorState, observed: LawInput
 ) -> tuple[PredictorState, LawOutput]:
     """Advance one control period."""
     x_fallback, output = pd_ddob_step(p.fallback, x.fallback, observed)
+    seen = outlook_of(p, x, observed)
+    if seen.is_predicting:
+        loop_delay, history = observed.loop_delay, observed.history
+        ahead = predict(p.loop_delay, seen.gains, seen.newest, loop_delay, history, seen.horizon)
+        steer_rad = steer_for(seen.gains, ahead, p.steer_rad_max)
+        output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
+    return faded(p, x, seen, x_fallback, output)
+
+
+def outlook_of(p: PredictorParams, x: PredictorState, observed: LawInput) -> Outlook:
+    """Return what is known in this period."""
     loop_delay, history = observed.loop_delay, observed.history
     estimate, settled_sample = start_estimate(x.estimate, loop_delay, history), x.settled_sample
     if estimate.sample != x.estimate.sample and estimate.sample >= 0:
@@ -128,7 +155,7 @@ def predictor_step(
         p.measured, p.loop_delay, x.measured, loop_delay, history, yaw_rate_rad_s
     )
     gains = measured_gains(p.measured, measured)
-    is_predicting = False
+    newest, horizon, is_predicting = estimate, 0.0, False
     if estimate.sample >= 0:
         known = min(loop_delay.error_sample, loop_delay.echo_sample)
         estimate = estimate_to(p.loop_delay, gains, estimate, loop_delay, history, known)
@@ -138,17 +165,32 @@ def predictor_step(
         horizon = horizon_samples(p.loop_delay, loop_delay, newest.sample)
         is_settled = estimate.sample >= settled_sample
         is_predicting = loop_delay.is_measured and is_settled and horizon <= p.horizon_samples_max
-        if is_predicting:
-            ahead = predict(p.loop_delay, gains, newest, loop_delay, history, horizon)
-            steer_rad = steer_for(gains, ahead, p.steer_rad_max)
-            output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
+    return Outlook(estimate, measured, settled_sample, gains, newest, horizon, is_predicting)
+
+
+def faded(
+    p: PredictorParams,
+    x: PredictorState,
+    seen: Outlook,
+    x_fallback: PdDdobState,
+    output: LawOutput,
+) -> tuple[PredictorState, LawOutput]:
+    """Return state and output, with the difference to another law's command fading out."""
     # The steps between two masses are small, and a plan does not fade.
-    is_new = is_predicting != x.is_predicting or measured.lag.choice != x.measured.lag.choice
+    is_new = (
+        seen.is_predicting != x.is_predicting or seen.measured.lag.choice != x.measured.lag.choice
+    )
     wanted_rad = output.steer_rad
     fade_rad = difference_step(p.fade_step_rad, x.fade_rad, x.steer_rad, wanted_rad, is_new)
     steer_rad = wanted_rad + fade_rad
     after = PredictorState(
-        estimate, measured, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad
+        seen.estimate,
+        seen.measured,
+        seen.settled_sample,
+        x_fallback,
+        seen.is_predicting,
+        steer_rad,
+        fade_rad,
     )
     return after, LawOutput(steer_rad, *output[1:])
 
@@ -190,6 +232,13 @@ def _measures(settings: "LawSettings") -> dict[str, bool]:
     return {"measures_lag": table.measures_lag, "measures_mass": table.measures_mass}
 
 
+def feedback_of(settings: "LawSettings") -> Feedback:
+    """Return what the feedback minimises."""
+    vehicle, table = vehicle_of(settings), settings.table_of(PredictorSettings)
+    behind_m = vehicle.preview_distance_m - ahead_of_cg_m(settings.followed_point, vehicle)
+    return Feedback(table.steer_per_error_rad_m, behind_m, settings.estimator.speed_m_s_max)
+
+
 def design_predictor(settings: "LawSettings") -> Schedule:
     """Return the parameters as a function of the speed.
 
@@ -199,9 +248,7 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     limit_m_s2 = table.lateral_acceleration_m_s2_max
     acceleration_m_s2 = inf if limit_m_s2 is None else limit_m_s2
     period_s, sensor_period_s = settings.period_s, settings.link.sensor_period_s
-    vehicle = vehicle_of(settings)
-    behind_m = vehicle.preview_distance_m - ahead_of_cg_m(settings.followed_point, vehicle)
-    feedback = Feedback(table.steer_per_error_rad_m, behind_m, settings.estimator.speed_m_s_max)
+    vehicle, feedback = vehicle_of(settings), feedback_of(settings)
     lag_s, mass_kg = settings.estimator.actuator_lag_s, vehicle.virtual_mass_kg
     measures = _measures(settings)
     choices = choices_of(lag_s, **measures)

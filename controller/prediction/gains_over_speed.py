@@ -117,13 +117,7 @@ def together(schedules: Iterable[GainSchedule]) -> Callable[[float], tuple[Vehic
     rows = np.concatenate([table.rows for table in tables], axis=1)
 
     def at(speed_m_s: float) -> tuple[VehicleGains, ...]:
-        after = bisect_right(speeds_m_s, speed_m_s)
-        row = rows[min(after, len(rows) - 1)]
-        if 0 < after < len(rows):
-            low, high = speeds_m_s[after - 1 : after + 1]
-            before = rows[after - 1]
-            row = before + (speed_m_s - low) / (high - low) * (row - before)
-        values = row.tolist()
+        values = between(speeds_m_s, rows, speed_m_s).tolist()
         return tuple(
             _gains_of(values[first : first + size]) for first in range(0, len(values), size)
         )
@@ -131,11 +125,30 @@ def together(schedules: Iterable[GainSchedule]) -> Callable[[float], tuple[Vehic
     return at
 
 
+def between(speeds_m_s: Sequence[float], tables: Matrix, speed_m_s: float) -> Matrix:
+    """Return what a table, shape (speeds, ...), has at a speed: linear between two of its own."""
+    after = bisect_right(speeds_m_s, speed_m_s)
+    found: Matrix = tables[min(after, len(tables) - 1)]
+    if 0 < after < len(tables):
+        low, high = speeds_m_s[after - 1 : after + 1]
+        before = tables[after - 1]
+        found = before + (speed_m_s - low) / (high - low) * (found - before)
+    return found
+
+
 def _gains_of(row: Sequence[float]) -> VehicleGains:
     """Return gains from their numbers, those of K last."""
     model, size = len(VehicleGains._fields) - 1, len(Correction._fields)
     each = [row[first : first + size] for first in range(model, len(row), size)]
     return VehicleGains._make([*row[:model], tuple(map(Correction._make, each))])
+
+
+def speeds_of(settings: EstimatorSettings) -> list[float]:
+    """Return the table's speeds [m/s]."""
+    low, high = settings.speed_m_s_min, settings.speed_m_s_max
+    steps = max(1, round(_SPEEDS_PER_DOUBLING * log(high / low, 2.0)))
+    beyond = max(0, round(_SPEEDS_PER_DOUBLING * log(SPEED_M_S_MAX / high, 2.0)))
+    return [low * (high / low) ** (step / steps) for step in range(steps + beyond + 1)]
 
 
 def design_schedule(
@@ -149,10 +162,7 @@ def design_schedule(
 
     Raises SettingsError if there are no gains at a speed, naming it.
     """
-    low, high = settings.speed_m_s_min, settings.speed_m_s_max
-    steps = max(1, round(_SPEEDS_PER_DOUBLING * log(high / low, 2.0)))
-    beyond = max(0, round(_SPEEDS_PER_DOUBLING * log(SPEED_M_S_MAX / high, 2.0)))
-    speeds = [low * (high / low) ** (step / steps) for step in range(steps + beyond + 1)]
+    speeds = speeds_of(settings)
     try:
         rows = _rows(settings, vehicle, speeds, period_s, sensor_period_s, feedback)
     except UnsolvableError as error:
@@ -240,20 +250,16 @@ def _feedback(
     feedback: Feedback,
 ) -> Matrix:
     """Return the feedback of β, r, Δψ, y and δ, and the feed-forward of ρ and d, (speeds, 7)."""
-    steer_per_error_rad_m, behind_m, speed_m_s_max = feedback
+    behind_m = feedback.behind_m
     f, g = sampled_vehicles(settings, vehicle, speeds_m_s, period_s)
     has_lag = settings.actuator_lag_s > 0.0
     states = [*_FREE, DELTA] if has_lag else list(_FREE)
     deviation = np.zeros(len(states))
     deviation[Y], deviation[PSI] = 1.0, -behind_m
-    ratios = np.minimum(1.0, speed_m_s_max / np.array(speeds_m_s))
-    # The table's speeds are rounded: the last one of the settings may lie above it.
-    ratios[ratios > 1.0 - 1e-9] = 1.0
-    weights_rad_m = steer_per_error_rad_m * ratios * ratios
-    weight = np.outer(deviation, deviation) * (weights_rad_m * weights_rad_m)[:, None, None]
+    weight = np.outer(deviation, deviation) * squared_weights(feedback, speeds_m_s)[:, None, None]
     system = f[:, states][:, :, states]
     k = feedback_gain(system, g[:, states, np.newaxis], weight, np.eye(1))[:, 0]
-    held = np.array([_steady_state(vehicle, speed_m_s, behind_m) for speed_m_s in speeds_m_s])
+    held = np.array([steady_state(vehicle, speed_m_s, behind_m) for speed_m_s in speeds_m_s])
     of_wheel = k[:, 4] if has_lag else np.zeros(len(k))
     # u = u_ss - k (x - x_ss); a steering offset is cancelled by its negative, also in the wheel.
     by_curvature = held[:, DELTA].copy()
@@ -262,7 +268,17 @@ def _feedback(
     return np.column_stack((k[:, :4], of_wheel, by_curvature, -1.0 - of_wheel))
 
 
-def _steady_state(
+def squared_weights(feedback: Feedback, speeds_m_s: Sequence[float]) -> Matrix:
+    """Return k² at each speed [rad²/m²]."""
+    ratios = np.minimum(1.0, feedback.speed_m_s_max / np.array(speeds_m_s))
+    # The table's speeds are rounded: the last one of the settings may lie above it.
+    ratios[ratios > 1.0 - 1e-9] = 1.0
+    weights_rad_m = feedback.steer_per_error_rad_m * ratios * ratios
+    squared: Matrix = weights_rad_m * weights_rad_m
+    return squared
+
+
+def steady_state(
     vehicle: VehicleModelSettings, speed_m_s: float, behind_m: float
 ) -> Sequence[float]:
     """Return the state that holds the followed point on a path of curvature 1/m, as above."""

@@ -28,6 +28,7 @@ class LawNumber(IntEnum):
     """A law from another package."""
     PACKET = 8
     PID = 9
+    MPC = 10
 
 
 class SteeringStatusCode(IntEnum):

@@ -140,7 +140,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         can_id=0x300, length=8, cycle_time_ms=100, active_cycle_time_ms=100, data_id=0x5300,
         signals=_signals(
         ("CONTROLLER_STATUS_MODE", "mode", 24, 3, False, 1, 0, 3, "", None),
-        ("LAW", "law", 27, 5, False, 1, 0, 9, "", None),
+        ("LAW", "law", 27, 5, False, 1, 0, 10, "", None),
         ("DISTURBANCE", "disturbance_rad", 32, 12, True, 0.001, -2.047, 2.047, "rad", None),
         ("NETWORK_DISTURBANCE", "network_disturbance_rad", 44, 12, True, 0.001, -2.047, 2.047,
          "rad", None),

@@ -36,7 +36,7 @@ class FaultDirection(StrEnum):
     """Direction of the frames, or the steering behind them."""
 
     DOWNLINK = "downlink"
-    """To the plant: commands, and the hand wheel's state."""
+    """To the plant: commands."""
     UPLINK = "uplink"
     """From the plant: measurements."""
     STEERING = "steering"
@@ -139,15 +139,13 @@ STEERING_FAULTS = MOTOR_FAULTS | {
 
 MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyType(
     {
-        FaultDirection.DOWNLINK: (*messages.sent_by("CONTROLLER"), messages.HandWheelState),
+        FaultDirection.DOWNLINK: messages.sent_by("CONTROLLER"),
         FaultDirection.UPLINK: tuple(
-            kind
-            for kind in messages.sent_by("PLANT")
-            if messages.CYCLE_TIMES_MS[kind] or kind is messages.SteeringForce
+            kind for kind in messages.sent_by("PLANT") if messages.CYCLE_TIMES_MS[kind]
         ),
     }
 )
-"""The plant's other optional messages, which have no cycle, arrive without faults."""
+"""The plant's optional messages, which have no cycle, arrive without faults."""
 
 
 class FaultSettings(Settings):

@@ -93,7 +93,7 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
     monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 20_000_000)
     monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
     monkeypatch.setattr(jitter, "MEANS_MS", (80,))
-    looks_back = preset(name).law in ("predictor", "packet")
+    looks_back = preset(name).law in ("predictor", "packet", "mpc")
     rates = ("rate_hz=100",) if looks_back else ("rate_hz=64", "link.sensor_period_ms=15.625")
     settings = preset(name, *rates)
     is_first = name == next(

@@ -1,0 +1,243 @@
+"""Law ``mpc``: the predictor with a view of the coming time and of the limits in it.
+
+Up to the state at which this period's command acts, all is the predictor's
+(``controller.laws.predictor``): delay by echo, Kalman filter, prediction through the commands in
+flight. From there a quadratic programme (``controller.prediction.horizon``) finds the commands of
+the next 0.6 s that cost least within the limits of angle, rate and lateral acceleration; the first
+is sent. Model predictive control, not in SAE 2018-01-1086.
+
+The path: where PATH_AHEAD has come, its curvature, step by step. Otherwise the curvature that
+VEHICLE_STATE gives beside the preview point: each change is added to the filter's estimate, and its
+rate is taken to last for ``ramp_s`` from the measurement on. A ramp ρ' t that lasts t more shifts
+the predicted state by
+
+    Δρ = ρ' t,   ΔΨ = -V ρ' t²/2,   Δy = -V² ρ' t³/6
+"""
+
+from collections.abc import MutableSequence
+from math import exp, inf
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+from pydantic import Field
+
+from ...dbc.messages import LawNumber
+from ...runtime.settings import Settings, SettingsError
+from ..law_interface import LawInput, LawOutput, Schedule, VehicleBelief
+from ..prediction.gains_over_speed import steady_turn_rad
+from ..prediction.horizon import (
+    STEP_S,
+    STEPS,
+    HorizonParams,
+    design_horizon,
+    first_command,
+    vector,
+)
+from ..prediction.prediction import predict
+from ..prediction.vehicle_kalman_filter import EstimatorState
+from . import predictor
+from .law_from_settings import vehicle_of
+from .pd_ddob import pd_ddob_step
+from .predictor import (
+    Outlook,
+    PredictorParams,
+    PredictorSettings,
+    PredictorState,
+    design_predictor,
+    faded,
+    feedback_of,
+    outlook_of,
+    predictor_after_hold,
+    predictor_at_rest,
+    predictor_believes,
+)
+
+if TYPE_CHECKING:
+    from .settings import LawSettings
+
+
+class MpcSettings(Settings):
+    """[mpc]: limits of the steering, and how far a curve is taken to go on as it began."""
+
+    steer_rad_max: Annotated[float, Field(gt=0.0, le=1.5)] = 0.6
+    steer_rate_rad_s_max: Annotated[float, Field(gt=0.0, le=100.0)] = 0.6
+    ramp_s: Annotated[float, Field(ge=0.0, le=2.0)] = 0.3
+    """Time for which a curvature that changes goes on changing; 0: it stays as it is."""
+    averaging_s: Annotated[float, Field(gt=0.0, le=1.0)] = 0.04
+    """Time constant of the rate of the curvature."""
+
+
+class MpcParams(NamedTuple):
+    """Parameters at one speed.
+
+    ``step_rad_max``  of the command from period to period
+    ``share``         of a new value in the mean of the curvature's rate
+    """
+
+    predictor: PredictorParams
+    horizon: HorizonParams
+    step_rad_max: float
+    speed_m_s: float
+    sample_s: float
+    ramp_s: float
+    share: float
+
+
+class Curve(NamedTuple):
+    """The curvature of VEHICLE_STATE, at which sample, -1 for none, and its rate."""
+
+    sample: int
+    curvature_1_m: float
+    rate_1_m_s: float
+
+
+class MpcState(NamedTuple):
+    """The predictor's state, and the curve."""
+
+    predictor: PredictorState
+    curve: Curve
+
+
+def mpc_step(p: MpcParams, x: MpcState, observed: LawInput) -> tuple[MpcState, LawOutput]:
+    """Advance one control period."""
+    of, before = p.predictor, x.predictor
+    loop_delay, history = observed.loop_delay, observed.history
+    x_fallback, output = pd_ddob_step(of.fallback, before.fallback, observed)
+    seen = outlook_of(of, before, observed)
+    curve = curve_step(p, x.curve, observed)
+    if x.curve.sample >= 0 and seen.newest.sample > loop_delay.path_end:
+        seen = bent(seen, curve.curvature_1_m - x.curve.curvature_1_m)
+    if seen.is_predicting:
+        ahead = predict(of.loop_delay, seen.gains, seen.newest, loop_delay, history, seen.horizon)
+        if ahead.sample >= loop_delay.path_end:
+            lead_s = max(seen.horizon, 0.0) * p.sample_s
+            ahead = along_ramp(ahead, curve.rate_1_m_s, p.speed_m_s, lead_s)
+        sent_rad = history.sent_rad[(loop_delay.tick - 1) & history.tick_mask]
+        z = vector()
+        write_unknowns(p, z, ahead, curve.rate_1_m_s, observed)
+        steer_rad = first_command(p.horizon, z, sent_rad)
+        steer_rad = min(max(steer_rad, sent_rad - p.step_rad_max), sent_rad + p.step_rad_max)
+        steer_rad = min(max(steer_rad, -p.horizon.steer_rad_max), p.horizon.steer_rad_max)
+        output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
+    after, output = faded(of, before, seen, x_fallback, output)
+    return MpcState(after, curve), output
+
+
+def curve_step(p: MpcParams, x: Curve, observed: LawInput) -> Curve:
+    """Return the curvature beside the preview point at the newest sample, and its rate."""
+    sample, vehicle = observed.loop_delay.error_sample, observed.vehicle
+    if vehicle.is_stale:
+        return Curve(-1, 0.0, 0.0)
+    curvature_1_m = vehicle.preview_curvature_1_m
+    if x.sample < 0 or sample < x.sample:
+        return Curve(sample, curvature_1_m, 0.0)
+    if sample == x.sample:
+        return x
+    rate_1_m_s = (curvature_1_m - x.curvature_1_m) / ((sample - x.sample) * p.sample_s)
+    return Curve(sample, curvature_1_m, x.rate_1_m_s + p.share * (rate_1_m_s - x.rate_1_m_s))
+
+
+def bent(seen: Outlook, change_1_m: float) -> Outlook:
+    """Return what is known on a path of another curvature."""
+    estimate, measured, settled_sample, gains, newest, horizon, is_predicting = seen
+    return Outlook(
+        *(curved(estimate, change_1_m), measured, settled_sample, gains),
+        *(curved(newest, change_1_m), horizon, is_predicting),
+    )
+
+
+def curved(x: EstimatorState, change_1_m: float) -> EstimatorState:
+    """Return an estimate on a path of another curvature."""
+    sample, beta, r, psi, y, rho, d, delta = x
+    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta)
+
+
+def along_ramp(
+    x: EstimatorState, rate_1_m_s: float, speed_m_s: float, time_s: float
+) -> EstimatorState:
+    """Return a predicted state on a path whose curvature has changed at a rate for a time."""
+    sample, beta, r, psi, y, rho, d, delta = x
+    change_1_m = rate_1_m_s * time_s
+    way_m = speed_m_s * time_s
+    psi -= change_1_m * way_m * 0.5
+    y -= change_1_m * way_m * way_m * (1.0 / 6.0)
+    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta)
+
+
+def write_unknowns(
+    p: MpcParams,
+    z: MutableSequence[float],
+    x: EstimatorState,
+    rate_1_m_s: float,
+    observed: LawInput,
+) -> None:
+    """Write what the programme starts from: state, offset, and the curvature of each step."""
+    path_end, history = observed.loop_delay.path_end, observed.history
+    known_1_m, mask = history.curvature_1_m, history.sample_mask
+    z[0], z[1], z[2] = x.side_slip_rad, x.yaw_rate_rad_s, x.heading_error_rad
+    z[3], z[4], z[5] = x.lateral_error_m, x.wheel_rad, x.offset_rad
+    for step in range(STEPS):
+        time_s = (step + 0.5) * STEP_S
+        if x.sample < path_end:
+            sample = min(x.sample + int(time_s / p.sample_s + 0.5), path_end)
+            change_1_m = known_1_m[sample & mask] - known_1_m[x.sample & mask]
+        else:
+            change_1_m = rate_1_m_s * min(time_s, p.ramp_s)
+        z[6 + step] = x.curvature_1_m + change_1_m
+
+
+def mpc_at_rest(p: MpcParams, lateral_error_m: float) -> MpcState:
+    """Return the state after a constant lateral error [m] and no steering."""
+    return MpcState(predictor_at_rest(p.predictor, lateral_error_m), Curve(-1, 0.0, 0.0))
+
+
+def mpc_after_hold(p: MpcParams, x: MpcState, lateral_error_m: float) -> MpcState:
+    """Return the state after a hold: the predictor's."""
+    after = predictor_after_hold(p.predictor, x.predictor, lateral_error_m)
+    return MpcState(after, Curve(-1, 0.0, 0.0))
+
+
+def mpc_believes(settings: "LawSettings", x: MpcState) -> VehicleBelief:
+    """Return the model of the settings."""
+    return predictor_believes(settings, x.predictor)
+
+
+def design_mpc(settings: "LawSettings") -> Schedule:
+    """Return the parameters as a function of the speed; raises as ``design_predictor``."""
+    table, inner = settings.table_of(MpcSettings), settings.table_of(PredictorSettings)
+    if inner.measures_lag or inner.measures_mass:
+        key = "measures_lag" if inner.measures_lag else "measures_mass"
+        raise SettingsError(
+            f"law = 'mpc' plans with one model: predictor.{key} must be false, and the lag and the"
+            " mass those of the settings"
+        )
+    vehicle, period_s = vehicle_of(settings), settings.period_s
+    limit_m_s2 = inner.lateral_acceleration_m_s2_max
+    acceleration_m_s2 = inf if limit_m_s2 is None else limit_m_s2
+    inside = design_predictor(settings)
+    rows_at = design_horizon(settings.estimator, vehicle, feedback_of(settings))
+    sample_s, rate_rad_s = settings.link.sensor_period_s, table.steer_rate_rad_s_max
+
+    def at(speed_m_s: float) -> MpcParams:
+        horizon = HorizonParams(
+            rows_at(speed_m_s),
+            table.steer_rad_max,
+            rate_rad_s * STEP_S,
+            steady_turn_rad(vehicle, speed_m_s, acceleration_m_s2),
+        )
+        step_rad_max, share = rate_rad_s * period_s, 1.0 - exp(-sample_s / table.averaging_s)
+        of = inside.at(speed_m_s)
+        return MpcParams(of, horizon, step_rad_max, speed_m_s, sample_s, table.ramp_s, share)
+
+    return Schedule(at)
+
+
+LAW = predictor.LAW._replace(
+    step=mpc_step,
+    at_rest=mpc_at_rest,
+    design=design_mpc,
+    number=LawNumber.MPC,
+    settings=MpcSettings,
+    needs=(predictor.NAME, *predictor.LAW.needs),
+    after_hold=mpc_after_hold,
+    believes=mpc_believes,
+)

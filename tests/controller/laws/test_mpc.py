@@ -1,0 +1,117 @@
+"""Law mpc: its limits, the two ways in which it knows the path, and what is said of it."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire import SettingsError, simulate
+from steer_by_wire.controller.analysis.check_figures import loop_around
+from steer_by_wire.controller.analysis.loop_signals import LoopModel
+from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop
+from steer_by_wire.controller.law_interface import LawInput, LoopDelay, VehicleReading
+from steer_by_wire.controller.laws.law_from_settings import design_law, vehicle_of
+from steer_by_wire.controller.settings import controller_preset
+from tests.support.loops.predictor_law import history
+
+MS = 1_000_000
+SPEED_M_S = 22.222
+ROAD = {
+    "plant.vehicle.speed_m_s": SPEED_M_S,
+    "plant.vehicle.virtual_mass_kg": 1750.0,
+    "plant.vehicle.yaw_inertia_kg_m2": 2900.0,
+    "plant.vehicle.front_cornering_stiffness_n_rad": 120e3,
+    "plant.vehicle.rear_cornering_stiffness_n_rad": 150e3,
+    "plant.vehicle.front_axle_distance_m": 1.25,
+    "plant.vehicle.rear_axle_distance_m": 1.5,
+    "plant.actuator.lag_s": 0.1,
+    "plant.path": {
+        "kind": "single_lane_change", "start_m": 44.4, "offset_m": 3.5, "length_m": 53.0
+    },
+    "plant.latency.downlink.mean_s": 0.2,
+    "plant.safety.lateral_acceleration_m_s2_max": "off",
+    "plant.safety.lateral_jerk_m_s3_max": "off",
+}  # fmt: skip
+RATE_RAD_S = 0.05
+STEP_RAD = RATE_RAD_S / 100.0
+
+
+@settings(max_examples=20)
+@given(
+    errors_m=st.lists(st.floats(-5.0, 5.0), min_size=3, max_size=3),
+    heading_rad=st.floats(-0.5, 0.5),
+    curvature_1_m=st.floats(-0.1, 0.1),
+    angle_rad_max=st.sampled_from((0.003, 0.02)),
+)
+def test_no_command_passes_the_limits_of_angle_and_rate(
+    errors_m: list[float], heading_rad: float, curvature_1_m: float, angle_rad_max: float
+) -> None:
+    limits = (f"mpc.steer_rad_max={angle_rad_max}", f"mpc.steer_rate_rad_s_max={RATE_RAD_S}")
+    law = design_law(controller_preset("highway_mpc", [*limits, "followed_point=preview"]))
+    assert law.params_at is not None
+    params: Any = law.params_at(SPEED_M_S)
+    params = params._replace(predictor=params.predictor._replace(settling_samples=0))
+    bus = history(lambda _: -1)._replace(heading_error_rad=[heading_rad] * 64)
+    state: Any = law.initial_state(0.0)
+    sent_rad = 0.0
+    for tick, error_m in enumerate(errors_m, start=1):
+        bus.lateral_error_m[tick] = error_m
+        bus.sent_rad[tick - 1] = sent_rad
+        vehicle = VehicleReading(SPEED_M_S, 0.0, curvature_1_m)
+        observed = LawInput(error_m, sent_rad, vehicle, LoopDelay(tick, tick, tick, 0.0, True), bus)
+        state, output = law.step(params, state, observed)
+        assert state.predictor.is_predicting
+        if tick > 1:  # the first command fades in from that of the law before
+            assert abs(output.steer_rad - state.predictor.fade_rad) <= angle_rad_max + 1e-15
+            step_rad = abs(output.steer_rad - state.predictor.fade_rad - sent_rad)
+            assert step_rad <= STEP_RAD + 1e-15
+        sent_rad = output.steer_rad - state.predictor.fade_rad
+
+
+@pytest.mark.parametrize(("knows_path", "off_m", "share"), [(False, 0.25, 0.5), (True, 0.06, 0.7)])
+def test_a_lane_change_is_held_better_than_by_the_predictor(
+    knows_path: bool, off_m: float, share: float
+) -> None:
+    path = {"plant.path_ahead": {}} if knows_path else {}
+    plans, follows = (
+        simulate(
+            "highway_nominal", "highway_mpc", law=law, duration_s=6, overrides={**ROAD, **path}
+        )
+        for law in ("mpc", "predictor")
+    )
+    assert 0.005 < plans.peak_m < off_m
+    assert plans.peak_m < share * follows.peak_m
+
+
+def test_a_plan_that_knows_the_limit_of_the_rate_begins_its_turns_in_time() -> None:
+    """Of a steering of 0.06 rad/s; a rate limit that is not known takes the car off the road."""
+    slow = {**ROAD, "plant.path_ahead": {}, "plant.actuator.rate_limit_rad_s": 0.06}
+    knows, ignores = (
+        simulate(
+            *("highway_nominal", "highway_mpc"),
+            duration_s=6, overrides={**slow, "controller.mpc.steer_rate_rad_s_max": rate_rad_s},
+        )
+        for rate_rad_s in (0.06, 0.6)
+    )  # fmt: skip
+    assert knows.peak_m < 0.8
+    assert ignores.peak_m > 2.0
+
+
+@pytest.mark.parametrize(("wheel_lag_s", "is_stable"), [(0.1, True), (0.0, False)])
+def test_a_check_counts_on_the_lag_that_the_law_believes_in(
+    wheel_lag_s: float, is_stable: bool
+) -> None:
+    """At 100 km/h and 200 ms: linear there, and lost where the steering is faster than believed."""
+    believing = controller_preset("highway_mpc")
+    fast = vehicle_of(believing).vehicle._replace(speed_m_s=27.8, virtual_mass_kg=1400.0)
+    around = PeriodicLoop(design_law(believing), believing.loop_delay, LoopModel(fast, wheel_lag_s))
+    assert around.is_stable(200 * MS) is is_stable
+    checked = loop_around(believing, fast, {})
+    assert isinstance(checked, PeriodicLoop)
+    assert checked.loop_model.actuator_lag_s == 0.1
+
+
+def test_a_model_that_changes_is_refused_in_one_line() -> None:
+    with pytest.raises(SettingsError, match=r"predictor.measures_mass must be false"):
+        design_law(controller_preset("highway_mpc", ["predictor.measures_mass=true"]))
