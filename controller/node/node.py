@@ -46,6 +46,7 @@ __all__ = ["RECEIVED", "SENT", "ControllerNode"]
 _WAITING, _ACTIVE, _SAFE_STOP = Mode.WAITING, Mode.ACTIVE, Mode.SAFE_STOP
 _NO_FAULT, _NO_OTHER = ControllerFault.NONE, SecondSender.NONE
 _NO_COMMAND, _APPLYING = SteeringStatusCode.NO_COMMAND, SteeringStatusCode.APPLYING
+_FOLLOWING = (_APPLYING, SteeringStatusCode.LIMITED, SteeringStatusCode.LIMITED_BY_SAFETY)
 _ERROR_ID = CAN_IDS[LateralError]
 PLANT_ENDED_NS = 3 * NS_PER_S
 """A plant that is silent for longer has ended, for a controller that ends with it."""
@@ -93,7 +94,7 @@ class ControllerNode:
         self._commands = CommandFrames(self._limits, periods_per_sample)
         self._echo_rule, self._echo = echo_rule(settings), NO_ECHO
         self._statuses = StatusFrames(settings.law_record.number)
-        self._command_rad = 0.0
+        self._command_rad, self._aim_rad = 0.0, 0.0
         self._reported: list[Reported] = []
         self._judged_ns = start_ns
         vehicle = nominal_vehicle(settings)
@@ -276,7 +277,7 @@ class ControllerNode:
         code, wheel_rad = status.status, status.wheel_angle_rad
         self._received.on_steering(status)
         # A wheel that is limited, held or another's follows no command of this controller.
-        self._command_rad = wheel_rad
+        self._command_rad = self._aim_rad = wheel_rad
         if code is _NO_COMMAND:
             return
         echo = self._commands.sent.on_echo(status.applied_counter)
@@ -284,6 +285,8 @@ class ControllerNode:
             sent_ns, command_rad, is_first = echo
             if code is _APPLYING:
                 self._command_rad = command_rad
+            if code in _FOLLOWING:
+                self._aim_rad = command_rad
             self._echo = echo_step(self._echo_rule, self._echo, sent_ns, now_ns)
             if is_first:
                 self._figures.on_effect(now_ns - sent_ns, now_ns)
@@ -297,7 +300,8 @@ class ControllerNode:
             self._plausibility.restart()
             return
         motion = mean_motion(reported, lasted_s)
-        self._plausibility.step(motion, received.lateral_error_m, received.heading_error_rad)
+        errors = received.lateral_error_m, received.heading_error_rad
+        self._plausibility.step(motion, *errors, self._aim_rad)
         stops = self._settings.supervision.stops_if_implausible
         is_found = self._plausibility.is_opposed or (
             stops is True and self._plausibility.contradiction != ""

@@ -6,6 +6,7 @@ Each residual compares what two signals say of one motion, and forgets in FORGET
     lateral   y' - (V Δψ + V β + l_s r)       lateral or heading error wrong, speed wrong
     yaw       r - V δ/(L + K V²)              wheel angle or speed wrong
     command   δ - u                           the wheel does not do what the echo names
+    side      δ - u, at most |δ|              a wheel that is limited goes to the other side
 
 with SAE 2018-01-1086 (1), the steady V β = (l_r - m l_f V²/(c_r L)) r and the understeer gradient K
 of the nominal vehicle; one that steers at the rear has V β = -(l_f + m l_r V²/(c_f L)) r. Which of
@@ -24,11 +25,13 @@ before it counts.
 Signals are opposed if what they say of the motion also correlates by less than OPPOSED: one of them
 has the wrong sign. No vehicle, lag or offset does that, and no law can steer by such signals.
 
+A limited wheel lags behind its command, by a quarter of a swing at most: its side alone is judged.
+
 The means of all VEHICLE_STATE since the last judgement are judged with the controller's status.
 """
 
 from collections.abc import Sequence
-from math import exp, sqrt
+from math import copysign, exp, sqrt
 from typing import NamedTuple
 
 from ...dbc.messages import VehicleState
@@ -55,6 +58,7 @@ BOUNDS = {
     "behind": Bound(0.05, 0.15),  # m
     "yaw": Bound(0.1, 0.3),  # rad
     "command": Bound(0.01, 0.08),  # rad s
+    "side": Bound(0.01, 0.08),  # rad s
 }
 _COMPARES = {
     "heading": {"heading_error_rad", "yaw_rate_rad_s", "speed_m_s", "preview_curvature_1_m"},
@@ -62,12 +66,14 @@ _COMPARES = {
     "behind": {"lateral_error_m", "heading_error_rad", "yaw_rate_rad_s", "speed_m_s"},
     "yaw": {"yaw_rate_rad_s", "wheel_angle_rad", "speed_m_s"},
     "command": {"wheel_angle_rad"},
+    "side": {"wheel_angle_rad"},
 }
 _IN_WORDS = {
     "heading": "heading error, yaw rate, speed and curvature contradict each other",
     "lateral": "lateral error, heading error, yaw rate and speed contradict each other",
     "yaw": "yaw rate, wheel angle and speed contradict each other",
     "command": "the wheel angle is not that of the command in effect",
+    "side": "the wheel turns to the other side than the command in effect",
 }
 
 
@@ -171,7 +177,7 @@ class Plausibility:
     def __init__(self, vehicle: NominalVehicle | None, *, has_plans: bool) -> None:
         self._vehicle = vehicle
         by_vehicle = () if vehicle is None else ("behind", "lateral", "yaw")
-        self._names = ("heading", *by_vehicle, *(() if has_plans else ("command",)))
+        self._names = ("heading", *by_vehicle, *(() if has_plans else ("command", "side")))
         self._may_steer_behind = vehicle is not None
         self.contradiction, self.is_opposed = "", False
         self.restart()
@@ -187,12 +193,20 @@ class Plausibility:
         self._before: tuple[float, float] | None = None
         self._memories = dict.fromkeys(self._names, Memory())
 
-    def step(self, motion: Motion, lateral_error_m: float, heading_error_rad: float) -> None:
-        """Judge the motion since the last step by the newest errors."""
+    def step(
+        self, motion: Motion, lateral_error_m: float, heading_error_rad: float, aim_rad: float
+    ) -> None:
+        """Judge the motion since the last step by the newest errors.
+
+        ``aim_rad``  the command in effect, of a wheel that is limited too
+        """
         before, self._before = self._before, (lateral_error_m, heading_error_rad)
         if before is None:
             return
         moved = self._moved(motion, lateral_error_m - before[0], heading_error_rad - before[1])
+        wheel_rad = motion.wheel_rad
+        side_rad = copysign(min(abs(wheel_rad), abs(aim_rad)), aim_rad)
+        moved["side"] = compared(wheel_rad * motion.lasted_s, side_rad * motion.lasted_s)
         for name in self._names:
             after = memory_step(BOUNDS[name], self._memories[name], moved[name], motion.lasted_s)
             self._memories[name] = after
@@ -200,7 +214,9 @@ class Plausibility:
                 self._may_steer_behind &= after.beyond_s == 0.0
             elif not (name == "lateral" and self._may_steer_behind):
                 is_opposed = after.opposed_s >= OPPOSED_S
-                is_found = after.beyond_s >= DEBOUNCE_S and not self.contradiction
+                is_found = (
+                    after.beyond_s >= DEBOUNCE_S and not self.contradiction and name != "side"
+                )
                 if is_found or (is_opposed and not self.is_opposed):
                     self.contradiction, self.is_opposed = _IN_WORDS[name], is_opposed
 

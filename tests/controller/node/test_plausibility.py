@@ -47,7 +47,7 @@ def contradiction_after(turned_s: float, curvature_factor: float) -> str:
     for _ in range(round(turned_s / STEP_S) + 1):
         told_1_m = curvature_factor * curvature_1_m
         state = motion_of(SPEED_M_S, SPEED_M_S * curvature_1_m, told_1_m)
-        watch.step(mean_motion([(state, 0.0, 0.0, 0.0)], STEP_S), 0.0, 0.0)
+        watch.step(mean_motion([(state, 0.0, 0.0, 0.0)], STEP_S), 0.0, 0.0, 0.0)
     return watch.contradiction
 
 
@@ -101,7 +101,7 @@ def test_one_forged_vehicle_state_is_forgotten(
     forged = turning(motion_of(speed_m_s, yaw_rate_rad_s, curvature_1_m))
     for step in range(80):
         reported = [forged] + [true] * others if step == 40 else [true]
-        watch.step(mean_motion(reported, STEP_S), 0.0, true[1])
+        watch.step(mean_motion(reported, STEP_S), 0.0, true[1], true[3])
     assert watch.contradiction == ""
 
 
@@ -109,7 +109,7 @@ def test_after_a_gap_the_watch_begins_again() -> None:
     watch = Plausibility(None, has_plans=True)
     for _ in range(60):
         state = motion_of(SPEED_M_S, 0.2, -0.1)
-        watch.step(mean_motion([(state, 0.0, 0.0, 0.0)], STEP_S), 0.0, 0.0)
+        watch.step(mean_motion([(state, 0.0, 0.0, 0.0)], STEP_S), 0.0, 0.0, 0.0)
         watch.restart()
     assert watch.contradiction == ""
 
@@ -228,6 +228,25 @@ def test_a_drawn_vehicle_that_steers_at_the_rear_raises_no_alarm(seed: int) -> N
     done = run("practical_pd", [], seed, **own, **vehicle, **{"plant.vehicle.model": REAR_STEERED})
     assert done.plant_report["verdict"] == "holds"
     assert done.controller_report["contradiction"] == ""
+
+
+AT_SPEED = {"plant.vehicle.speed_m_s": 60.0 / 3.6}
+
+
+@pytest.mark.parametrize("preset", ["highway_pd", "highway_pd_ddob", "highway_predictor"])
+def test_commands_of_the_wrong_sign_are_found_though_the_wheel_is_limited(preset: str) -> None:
+    wrong = {**fault("scale", "STEERING_COMMAND", "steer_rad", -1.0), "direction": "downlink"}
+    done = run(preset, [wrong], **AT_SPEED)
+    assert done.controller_report["failure"].startswith("the wheel turns to the other side")
+    assert done.peak_m < FARTHEST_M
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.3])
+def test_a_wheel_that_swings_between_its_limits_is_not_on_the_other_side(lag_s: float) -> None:
+    late = {"plant.latency.downlink.mean_s": 0.45, "plant.actuator.lag_s": lag_s}
+    report = run("highway_pd", [], **AT_SPEED, **late).controller_report
+    assert "other side" not in report["contradiction"]
+    assert report["failure"] == ""
 
 
 def ordinary(seed: int) -> tuple[str, str, dict[str, Any]]:
