@@ -18,6 +18,7 @@ from .laws.law_from_settings import design_law
 from .laws.settings import LawSettings
 from .limits.designed_ranges import DesignedRanges, designed_ranges_of
 from .limits.steer_limits import LimitSettings, SteerLimits, steer_limits_of
+from .who_steers import HandWheelSettings
 
 PRESETS = "steer_by_wire.controller.presets"
 """The package with the presets that are shipped."""
@@ -28,6 +29,8 @@ class ControllerSettings(LawSettings):
 
     limits: LimitSettings = LimitSettings()
     supervision: SupervisionSettings = SupervisionSettings()
+    hand_wheel: HandWheelSettings | None = None
+    """Answer HAND_WHEEL_STATE and say who steers; if omitted, the law does."""
     overruns: OverrunSettings = OverrunSettings()
     """Limits beyond which the controller counts as too slow, stops steering, and ends."""
 
@@ -57,9 +60,15 @@ class ControllerSettings(LawSettings):
         return steer_limits_of(self.limits, self.period_ns)
 
     @property
+    def designed_ranges(self) -> DesignedRanges:
+        """The speeds and the delay that the settings were designed for."""
+        return designed_ranges_of(self.validity, self.period_ns / NS_PER_S)
+
+    @property
     def demand_ranges(self) -> DesignedRanges:
         """The speeds at which the law may ask for all of its steer."""
-        return designed_ranges_of(None if self.law_record.schedules_demand else self.validity)
+        scheduled = None if self.law_record.schedules_demand else self.validity
+        return designed_ranges_of(scheduled, self.period_ns / NS_PER_S)
 
     @property
     def age_limits(self) -> AgeLimits:

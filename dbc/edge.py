@@ -15,7 +15,6 @@ from ..runtime.frame import EXTENDED, FD
 from ..runtime.node.end import End
 from ..runtime.program.report import causes_line
 from ..runtime.program.run_node import Edge
-from ..runtime.recording.recorder import fd_obstacle
 from ..runtime.settings import SettingsError
 from .bus_language import BusLanguage
 from .messages import CAN_IDS, Message
@@ -49,15 +48,13 @@ def open_edge(
 
     ``known``  the messages that the node receives, and those that only it may send
 
-    Raises SettingsError for a key file that cannot be used, and a recording that would stay empty.
+    Raises SettingsError for a key file that cannot be used.
     """
     if language.car is not None:
         return _of_car(end, options, language.car)
     can_ids = {CAN_IDS[message_type] for message_type in known}
     if options.key_file is None:
         return Edge(can_ids, UNAUTHENTICATED, say_figures=_say_refused)
-    if options.record is not None and (obstacle := fd_obstacle(options.record)):
-        raise SettingsError(f"{obstacle}; with --key-file all frames are CAN FD")
     # Not at the top: they read the DBC once more, which classic CAN does not need.
     from .secoc.authenticated_node import AuthenticatedNode
     from .secoc.key_file import open_authentication

@@ -19,6 +19,8 @@ from .wheel import GRIPS, Grip
 from .wheel_step import Hands
 
 HANDS_OFF = GRIPS["hands_off"]
+ARMS_N_M_MAX = 15.0
+"""Torque with which his arms follow his wish at most: chosen."""
 
 
 class TwoPointParams(NamedTuple):
@@ -105,6 +107,8 @@ def driver_step(
     rate = two_point.integral_gain_1_s * min(max(near_rad, -most_rad), most_rad)
     seen = (*x.seen[1:], by_sight_rad + x.integral_rad)
     wished_rad = x.seen[0] + two_point.kept * (x.wished_rad - x.seen[0])
+    reach_rad = ARMS_N_M_MAX / max(p.grip.stiffness_n_m, 1e-3)
+    wished_rad = min(max(wished_rad, angle_rad - reach_rad), angle_rad + reach_rad)
     hands = Hands(p.grip, x.wished_rad, (wished_rad - x.wished_rad) / p.cycle_s, torque_n_m)
     return DriverState(seen, x.integral_rad + rate * p.cycle_s, wished_rad), hands
 

@@ -124,7 +124,8 @@ class HandWheelNode:
         self._told_n_m = self._ordered_n_m = 0.0
         self._rack_force_n = self._wheel_rad = self._law_n_m = 0.0
         self._ratio, self._steered_by = settings.steering_ratio, SteeredBy.DRIVER
-        self._sight = Sight(0.0, 0.0, 0.0, settings.nominal_model.speed_m_s, self._preview_m)
+        model = settings.nominal_model
+        self._sight = Sight(0.0, 0.0, 0.0, model.speed_m_s, model.preview_distance_m)
         self._states, self._statuses = Sender(HandWheelState), Sender(HandWheelStatus)
         self._sent_ns = [-1] * COUNTERS
         self._round_trip = DurationStatistics()
@@ -135,11 +136,6 @@ class HandWheelNode:
         self._window: deque[float] = deque(maxlen=round(WINDOW_S / settings.cycle_s))
         self._samples_left = samples_max
         self.samples: list[HandWheelSample] = []
-
-    @property
-    def _preview_m(self) -> float:
-        two_point = self._settings.driver.two_point
-        return 0.0 if two_point is None else two_point.preview_distance_m
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Process a frame; the motor answers at the next cycle."""
@@ -339,7 +335,10 @@ class HandWheelNode:
     def _keep(self, due_ns: int) -> None:
         """Record a cycle."""
         angle_rad, rate_rad_s, motor_n_m, driver_n_m = self._wheel
-        self._window.append(angle_rad)
+        aim_rad = self._hands.wished_rad if self._hands.grip is not HANDS_OFF else 0.0
+        if self._steered_by is SteeredBy.LAW:
+            aim_rad = self._ratio * self._wheel_rad
+        self._window.append(angle_rad - aim_rad)
         self._peak_rad = max(self._peak_rad, abs(angle_rad))
         self._peak_n_m = max(self._peak_n_m, abs(driver_n_m))
         if self._samples_left > 0:

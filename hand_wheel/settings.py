@@ -2,7 +2,7 @@
 
 from math import ceil
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -50,13 +50,13 @@ class KickSettings(Settings):
 class TwoPointSettings(Settings):
     """`[driver.two_point]`: a driver who follows the path by sight (``driver``).
 
-    Structure and points after Salvucci and Gray (2004), whose gains, 16, 4 and 3, are of their own
-    simulator: these are chosen, so that he follows a double lane change at 60 km/h.
+    Structure and points after Salvucci and Gray (2004). With their gains of 16, 4 and 3 this car
+    and these arms swing: these are chosen, to hold a double lane change at 45 and 60 km/h.
     """
 
-    far_gain: _Gain = 6.0
-    near_gain: _Gain = 2.0
-    integral_gain_1_s: _Gain = 1.5
+    far_gain: _Gain = 9.0
+    near_gain: _Gain = 3.0
+    integral_gain_1_s: _Gain = 3.0
     near_rad_max: float = Field(0.07, gt=0.0, le=1.0)
     near_m: float = Field(8.0, ge=1.0, le=100.0)
     far_s: float = Field(0.9, ge=0.1, le=10.0)
@@ -64,8 +64,6 @@ class TwoPointSettings(Settings):
     """This and the next: Chinese Journal of Mechanical Engineering, 10.1186/s10033-020-00477-9,
     table 1."""
     neuromuscular_lag_s: float = Field(0.11, ge=1e-3, le=2.0)
-    preview_distance_m: float = Field(2.0, ge=0.0, le=100.0)
-    """Of the point whose lateral error is on the bus, as of the plant."""
 
 
 class DriverSettings(Settings):
@@ -89,9 +87,13 @@ class NominalModelSettings(Settings):
     rear_cornering_stiffness_n_rad: float = Field(150_000.0, ge=1.0, le=10_000_000.0)
     front_axle_distance_m: float = Field(1.25, gt=0.0, le=20.0)
     rear_axle_distance_m: float = Field(1.55, gt=0.0, le=20.0)
+    preview_distance_m: float = Field(2.0, ge=0.0, le=100.0)
+    """To the point whose lateral error is on the bus: for the driver's sight alone."""
     actuator_lag_s: float = Field(0.0, ge=0.0, le=10.0)
     trail_m: float = Field(0.05, gt=0.0, le=0.5)
     arm_m: float = Field(0.14, ge=1e-3, le=2.0)
+    of_vehicle: ClassVar = (*RoadVehicle._fields, "preview_distance_m")
+    """Keys that the plant's [vehicle] has too."""
 
 
 class FeedbackSettings(Settings):
@@ -233,7 +235,7 @@ def shared_vehicle(file: Path | None) -> SharedTable | None:
     """Return [vehicle] of a file that the plant reads too, as [nominal_model]; SettingsError."""
     if file is None:
         return None
-    known = RoadVehicle._fields
+    known = NominalModelSettings.of_vehicle
     model = {key: value for key, value in read_table(file, "vehicle").items() if key in known}
     return SharedTable(str(file), {"nominal_model": model})
 

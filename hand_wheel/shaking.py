@@ -1,5 +1,8 @@
 """Whether the hand wheel shakes: its own motion at the end of a run, without what is slow in it.
 
+Its own motion is its angle less the one that it is meant to have: that of the driver's wish, or of
+the road wheels while the law steers.
+
 The last WINDOW_S are taken in two halves. In each, a straight line is fitted, and what is left has
 the amplitude √2 times its RMS. The wheel shakes if the amplitude of the second half is more than
 AMPLITUDE_RAD, not much less than that of the first, and crosses zero often enough.
@@ -17,7 +20,7 @@ AMPLITUDE_RAD = 0.005
 _GROWTH_MIN = 0.7
 """Smaller: it is dying down."""
 _HZ_MIN = 0.5
-"""Chosen: a driver who follows a road turns the wheel more slowly."""
+"""Chosen: what is slower is not called shaking."""
 
 
 class Shaking(NamedTuple):

@@ -119,6 +119,14 @@ class PlantSettings(Settings):
         return self
 
     @model_validator(mode="after")
+    def _can_stop(self) -> Self:
+        if self.safety.stop_m_s2 is not None and self.car is None:
+            raise ValueError(
+                "safety.stop_m_s2 needs a table [car]: the linear vehicle cannot brake"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _has_the_steering_that_fails(self) -> Self:
         for number, fault in enumerate(self.faults):
             needed = "car" if fault.kind in STEERING_FAULTS else ""

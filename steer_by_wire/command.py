@@ -74,6 +74,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "feedback": _tool(
                 "feedback", "which delay makes a hand wheel with force feedback shake"
             ),
+            "identify": _tool("identify", "your car from its logs, with intervals"),
             "generate-c": Program("tools.generate_c.__main__", "a controller as C99"),
             "study": _tool("study", "thousands of runs over latency, jitter, laws and vehicles"),
             "paper": _tool("paper", "the paper's figures and tables, reproduced"),

@@ -237,6 +237,13 @@ def _run_whole(
     samples, ticks, code = _run(law, world, schedule, plant, controller)
     if code == OVERRULED:
         raise _OverruledError
+    if plant.safety.stop_m_s2 is not None and samples:
+        slowest_m_s = float(records.speed_m_s[:samples].min())
+        if slowest_m_s < _SLOWEST_M_S:
+            raise StandingNotCompiledError(
+                f"safety.stop_m_s2: the fallback has braked the car to {slowest_m_s:.2f} m/s, and"
+                " compiled runs have no car that stands; run the nodes: steer-by-wire run"
+            )
     played_rad = None if inbox is None or design.plan is None else inbox.played_rad
     return _collected(schedule, motion, records, played_rad, samples, ticks, _OUTCOMES[code])
 
@@ -325,6 +332,7 @@ def _constants(
         share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, schedule),
         speed_m_s=0.0,
         alike_to_m_s=-1.0 if reads_speed else controller.demand_ranges.tolerated_m_s_max,
+        stop_m_s2=plant.safety.stop_m_s2 or 0.0,
     )
 
 

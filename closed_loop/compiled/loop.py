@@ -25,7 +25,9 @@ from ...controller.limits.fades_and_ramps import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
 from ...dbc.messages import Mode
 from ...plant_emulator.steering.hold_and_fallback import (
+    NO_PATH,
     GuardMode,
+    PathSeen,
     guard_command,
     guard_timer,
     guard_wheel,
@@ -56,7 +58,7 @@ from .law_input import (
 )
 from .loop_records import WAITING, Constants, Instants, Kept, Progress, Records, Segment
 from .memory import at, called, placed, read, write
-from .step_functions import advance_motion, command_motion, place_of, start_motion
+from .step_functions import advance_motion, brake_motion, command_motion, place_of, start_motion
 
 COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED, SPEED_CHANGED = range(5)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
@@ -64,7 +66,7 @@ is not finite; with a command that the steering overrules, in a run without ``ti
 speed that the controller did not know before, at a tick that is to be run once more."""
 
 _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
-_HOLDING = int(GuardMode.HOLDING)
+_HOLDING, _FALLBACK = int(GuardMode.HOLDING), int(GuardMode.FALLBACK)
 _NEWEST = WAITING - 1
 
 
@@ -122,7 +124,12 @@ def _plant_until(
                     record_played(inbox, sample, command_rad)
         elif guard_ns <= sample_ns:
             motion_ns = guard.deadline_ns
-            guard, steers = guard_timer(c.guard, guard, motion_ns)
+            seen = NO_PATH
+            if sample > 0:
+                last = np.uintp(sample - 1)
+                rho, y = r.curvature_1_m[last], r.lateral_error_m[last]
+                seen = PathSeen(rho, y, r.heading_error_rad[last])
+            guard, steers = guard_timer(c.guard, guard, motion_ns, seen)
             has_moved = steers
         else:
             motion_ns = max(sample_ns - c.motion_start_ns, 0)
@@ -144,6 +151,8 @@ def _plant_until(
             has_moved = until_ns < motion_ns or (
                 acting < given and r.waiting_ns[np.uintp(acting & _NEWEST)] <= motion_ns
             )
+        if steers and c.stop_m_s2 > 0.0:
+            z = brake_motion(p, z, c.stop_m_s2 if guard.mode >= _FALLBACK else 0.0)
         if is_sample:
             _, linear, _ = z
             _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear

@@ -19,6 +19,7 @@ class Constants(NamedTuple):
     ``share_from_ns``     when the controller first knows the speed
     ``speed_m_s``         that the controller knows, 0 for none; share and params are those for it
     ``alike_to_m_s``      up to which speed they stay the same
+    ``stop_m_s2``         braking of the steering's fallback, 0 for none
     """
 
     guard: GuardParams
@@ -29,6 +30,7 @@ class Constants(NamedTuple):
     share_from_ns: int
     speed_m_s: float
     alike_to_m_s: float
+    stop_m_s2: float
 
 
 class Instants(NamedTuple):

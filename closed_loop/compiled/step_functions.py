@@ -126,8 +126,13 @@ def _choose(function: Callable[..., Any], choose: Callable[[type], Any]) -> None
 start_motion = _chosen_by_type(lambda kind: MOTIONS[kind].start)
 command_motion = _chosen_by_type(lambda kind: MOTIONS[kind].command)
 advance_motion = _chosen_by_type(lambda kind: MOTIONS[kind].advance)
+brake_motion = _chosen_by_type(lambda kind: _braking(MOTIONS[kind].brake))
 place_of = _chosen_by_type(lambda kind: MOTIONS[kind].place)
 """(params, ...): as in ``vehicle.motion_choice.MotionSteps``."""
+
+
+def _braking(brake: Callable[[Any, float], Any]) -> Callable[[Any, Any, float], Any]:
+    return lambda _params, state, brake_m_s2: brake(state, brake_m_s2)
 
 
 def _at_rest_of(kind: type) -> Callable[[Any], Any]:
@@ -150,7 +155,7 @@ def step_functions() -> tuple[Callable[..., Any], ...]:
     motions = [
         function
         for each in MOTIONS.values()
-        for function in (each.start, each.command, each.advance, each.place)
+        for function in (each.start, each.command, each.brake, each.advance, each.place)
     ]
     motions += [step for step, _ in STEERINGS.values()]
     reached = _reached((*_CALLED_BY_LOOPS, *motions, *around, *laws, *plans))

@@ -9,17 +9,20 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from ...controller.settings import ControllerSettings
+from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.evaluation.run_record import PlantSample, place
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.output_file import write_text
+from ...runtime.settings import Settings
 from ...runtime.settings.settings import DIGESTS
 from ...runtime.settings.toml_text import dump_toml
 from .named_files import digest_lines, with_absolute_names
 
 PLANT_PROGRAM, CONTROLLER_PROGRAM = "plant_emulator", "controller"
+HAND_WHEEL_PROGRAM = "hand_wheel"
 """Names of the programs, and of their packages."""
 BUS = "bus"
 """Name of the file with the settings of the bus."""
@@ -40,6 +43,11 @@ class PairFiles(NamedTuple):
         """The plant's samples, CSV."""
         return self.folder / "plant_trace.csv"
 
+    @property
+    def hand_wheel_trace(self) -> Path:
+        """The hand wheel's cycles, CSV."""
+        return self.folder / "hand_wheel_trace.csv"
+
     def settings(self, program: str) -> Path:
         """The settings one program is run with, TOML."""
         return self.folder / f"{program}.toml"
@@ -50,10 +58,11 @@ class PairFiles(NamedTuple):
         controller: ControllerSettings | None,
         bus: BusSettings | None = None,
         others: Sequence[Path] = (),
+        hand_wheel: HandWheelSettings | None = None,
     ) -> None:
         """Write what ``settings_texts`` returns; makes the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        for name, text in self.settings_texts(plant, controller, bus, others).items():
+        for name, text in self.settings_texts(plant, controller, bus, others, hand_wheel).items():
             if text is not None:
                 write_text(self.folder / name, text)
 
@@ -63,13 +72,19 @@ class PairFiles(NamedTuple):
         controller: ControllerSettings | None,
         bus: BusSettings | None = None,
         others: Sequence[Path] = (),
+        hand_wheel: HandWheelSettings | None = None,
     ) -> dict[str, str | None]:
         """Return the settings by the name of their file, None for those that there are not.
 
         One more file has the digests of the files that they name, and of ``others``: settings next
         to which it lies are refused once a file has changed.
         """
-        named = {PLANT_PROGRAM: plant, CONTROLLER_PROGRAM: controller, BUS: bus}
+        named: dict[str, Settings | None] = {
+            PLANT_PROGRAM: plant,
+            CONTROLLER_PROGRAM: controller,
+            BUS: bus,
+            HAND_WHEEL_PROGRAM: hand_wheel,
+        }
         absolute = {
             name: None if settings is None else with_absolute_names(settings)
             for name, settings in named.items()

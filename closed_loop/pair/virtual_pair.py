@@ -1,6 +1,6 @@
 """Plant emulator and controller together in one process, in virtual time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
@@ -97,15 +97,17 @@ def run_virtual_nodes(
     candump_log: Path | None,
     should_stop: Callable[[], bool],
     on_wire: Callable[[int, int, Frame], None] | None = None,
+    others: Sequence[Node] = (),
 ) -> None:
-    """Run two nodes that start at 0 until the plant has finished or ``should_stop()``.
+    """Run nodes that start at 0 until the plant has finished or ``should_stop()``.
 
     ``should_stop``  is asked every SLICE_NS of virtual time
     ``on_wire``      is called with every frame if there is no ``candump_log``: its time and sender
+    ``others``       tick after the two at one instant
     """
     with ExitStack() as stack:
         stack.enter_context(no_collections())
-        nodes: tuple[Node, ...] = (plant, controller)
+        nodes: tuple[Node, ...] = (plant, controller, *others)
         if isinstance(bus, SharedBus):
             nodes = tuple(bus.behind_controller(node, index) for index, node in enumerate(nodes))
         if candump_log is not None:

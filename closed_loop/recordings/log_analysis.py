@@ -1,6 +1,5 @@
 """The figures of one log, which may be several files: frames in, one at a time, figures out."""
 
-import heapq
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +12,7 @@ from ...dbc.listening import OUR_MESSAGES, Listening
 from ...dbc.messages import SteeringStatusCode as Code
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.node import NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .durations import Durations, History
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
@@ -22,18 +21,10 @@ from .log_file import open_log
 from .log_state import LogError
 from .time_axis import TimeAxis
 
-GAP_PERIODS = 3
-"""A message that is absent for more than this many of its periods leaves a gap."""
-_PERIOD_CYCLES = 20
-"""Cycles that tell the period of a message which is sent less often than its DBC says."""
 BACKWARDS_SHARE_MAX = 0.01
 """Of frames whose time runs backwards; a recorder of several channels may swap neighbours."""
 SET_BACK_MAX = 3
 """How often a clock may be set back; after that it is the order that is wrong."""
-GAPS_MAX = 20
-"""How many gaps are listed, the longest."""
-CONFIGS_MAX = 100
-"""How many changes of the latency, and of the disturbance, are listed, the first."""
 _FROM_PLANT = (
     messages.LateralError,
     messages.SteeringStatus,
@@ -76,14 +67,6 @@ CG_DEVIATION = "cg_deviation_m"
 """One more: sent in GROUND_TRUTH, or computed from several messages and the way driven between."""
 
 
-class Gap(NamedTuple):
-    """A message was absent; sorts by length."""
-
-    duration_s: float
-    at_s: float
-    name: str
-
-
 class LoggedMessages(NamedTuple):
     """The messages in a frame of a log, without those that a node would reject.
 
@@ -107,7 +90,7 @@ class LogAnalysis:
     ``listening``  understands the bus
 
     Frames have times in nanoseconds. In a log without times every frame has None, and there are no
-    figures of latency, cycles and gaps.
+    figures of latency and cycles.
     """
 
     def __init__(
@@ -131,13 +114,6 @@ class LogAnalysis:
         self._axis = TimeAxis()
         self._frames = 0
         self._newest_ns: dict[str, int] = {}
-        self._first_ns: dict[str, int] = {}
-        self._unjudged = defaultdict[str, list[tuple[int, int]]](list)
-        """The first cycles of each message [ns], and when they began."""
-        self._gaps: list[Gap] = []
-        self._gap_counts = Counter[str]()
-        self._configs: list[dict[str, Any]] = []
-        self._loads: list[dict[str, Any]] = []
         self._modes_ns = Counter[messages.Mode]()
         self._mode: tuple[messages.Mode, int] | None = None
         self._laws: dict[str, None] = {}
@@ -182,8 +158,6 @@ class LogAnalysis:
         self.latencies.close_block()
         axis = self._axis
         self._leave_mode(axis.duration_ns or 0)
-        for name, waiting in self._unjudged.items():
-            self._judge_cycles(name, self.listed[name].cycle_ms, waiting)
         obstacle = self._obstacle(not_read)
         held_path = self._held_path_figures()
         return {
@@ -206,9 +180,6 @@ class LogAnalysis:
             "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in messages.Mode},
             "laws": list(self._laws),
             **self._advanced,
-            "latency_configs": self._configs,
-            "disturbance_configs": self._loads,
-            "gaps": [gap._asdict() for gap in sorted(self._gaps, reverse=True)],
         }
 
     def _obstacle(self, not_read: int) -> str:
@@ -235,7 +206,7 @@ class LogAnalysis:
         return ""
 
     def _time(self, received: ReceivedMessage, since_ns: int) -> None:
-        """Count a message on the bus for latencies, cycles and gaps."""
+        """Count a message on the bus for latencies and cycles."""
         _, message, counter, is_late, _ = received
         shown = received.shown
         if isinstance(message, _FROM_PLANT):
@@ -253,46 +224,17 @@ class LogAnalysis:
     def _count_cycle(self, name: str, period_ms: float, since_ns: int) -> None:
         before_ns = self._newest_ns.get(name)
         self._newest_ns[name] = since_ns
-        if before_ns is None or not period_ms:
-            self._first_ns[name] = since_ns
-            return
-        cycle_ns = since_ns - before_ns
-        self.cycles[name].record(cycle_ns)
-        if name in self.listed:
-            waiting = self._unjudged[name]
-            waiting.append((cycle_ns, before_ns))
-            if self.cycles[name].count >= _PERIOD_CYCLES:
-                self._judge_cycles(name, period_ms, waiting)
-
-    def _judge_cycles(self, name: str, period_ms: float, waiting: list[tuple[int, int]]) -> None:
-        """Count the gaps among cycles, by the period of the message or its own longer one."""
-        counts = self.listener.counts(name)
-        sent = max(counts.accepted + counts.missing - 1, 1)
-        own_ns = (self._newest_ns[name] - self._first_ns[name]) / sent
-        longest_ns = GAP_PERIODS * max(period_ms * NS_PER_MS, own_ns)
-        for cycle_ns, before_ns in waiting:
-            if cycle_ns > longest_ns:
-                self._gap_counts[name] += 1
-                gap = Gap(cycle_ns / NS_PER_S, before_ns / NS_PER_S, name)
-                add = heapq.heappush if len(self._gaps) < GAPS_MAX else heapq.heappushpop
-                add(self._gaps, gap)
-        waiting.clear()
+        if before_ns is not None and period_ms:
+            self.cycles[name].record(since_ns - before_ns)
 
     def _watch(self, message: messages.Message, since_ns: int | None) -> None:
-        """Follow path, modes, law, the counts that the nodes report, and changes of the latency."""
+        """Follow modes, law, and the counts that the nodes report."""
         for name, field, modulus in _COUNTED_IN.get(type(message), ()):
             count = getattr(message, field)
             self._advanced[name] += (count - self._counts.get(name, count)) % modulus
             self._counts[name] = count
         if isinstance(message, messages.ControllerStatus):
             self._laws[messages.LawNumber(message.law).name] = None
-        elif isinstance(message, messages.DisturbanceChange) and len(self._loads) < CONFIGS_MAX:
-            at_s = None if since_ns is None else since_ns / NS_PER_S
-            self._loads.append({"at_s": at_s, **message._asdict()})
-        elif isinstance(message, messages.LatencyChange) and len(self._configs) < CONFIGS_MAX:
-            at_s = None if since_ns is None else since_ns / NS_PER_S
-            names = {"direction": message.direction.name, "model": message.model.name}
-            self._configs.append({"at_s": at_s, **message._asdict(), **names})
         if (
             isinstance(message, messages.ControllerStatus | messages.SteeringCommand)
             and since_ns is not None
@@ -325,7 +267,6 @@ class LogAnalysis:
             "refused": dict(counts.refused),
             "cycle_dbc_s": cycle_ms * 1e-3 or None,
             "cycle": self.cycles[name].report(),
-            "gaps": self._gap_counts[name],
         }
 
     def _latency_figures(self) -> dict[str, Any]:

@@ -68,12 +68,6 @@ class StudyRecord(NamedTuple):
         laws = [str(tables["law"]) for tables in self.controllers.values()]
         return laws.index("pd") if "pd" in laws else 0
 
-    def replay(self, run: int) -> str:
-        """Return the command that repeats a run."""
-        return (
-            f"steer-by-wire study {self.folder / 'study.toml'} --out {self.folder} --replay {run}"
-        )
-
 
 class Rows(NamedTuple):
     """Columns of the results, one element a run; ``factors`` are numbers or places in a list.

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ...dbc.bus_language import add_dialect_argument, read_language
 from ...dbc.edge import add_key_file_argument, open_edge
+from ...dbc.messages import HandWheelState
 from ...runtime.command_line import add_json_argument, command_parser, offer, run_main, say
 from ...runtime.node import ReportingNode
 from ...runtime.node.end import End
@@ -121,7 +122,7 @@ def _run(options: argparse.Namespace) -> int:
         return language.at_edge(node, End.CONTROLLER, start_ns)
 
     concluded = partial(conclude, settings)
-    edge = open_edge(End.CONTROLLER, (*RECEIVED, *SENT), options, language)
+    edge = open_edge(End.CONTROLLER, (*RECEIVED, HandWheelState, *SENT), options, language)
     return run_node(NAME, options, settings, make_node, concluded, edge, ENDING)
 
 

@@ -88,7 +88,8 @@ class DesignedRanges(NamedTuple):
     ``is_known``           whether the settings state any
     ``speed_m_s_max``      ``tolerated_m_s_max`` and ``tolerated_m_s_min`` are wider by the signal's
                            resolution
-    ``delay_s_max``        from command to measurement [s]
+    ``delay_s_max``        from command to measurement, wider by a control period [s]: its echo
+                           shows a delay to half of it, later by the frames of the sample
     """
 
     is_known: bool
@@ -98,11 +99,11 @@ class DesignedRanges(NamedTuple):
     delay_s_max: float
 
 
-def designed_ranges_of(table: ValiditySettings | None) -> DesignedRanges:
+def designed_ranges_of(table: ValiditySettings | None, period_s: float) -> DesignedRanges:
     """Return the ranges of settings."""
     low_m_s, high_m_s = (table and table.speed_m_s) or (0.0, _NO_LIMIT)
     tolerated_m_s = high_m_s + _TOLERANCE_M_S, low_m_s - _TOLERANCE_M_S
-    delay_s_max = 1e-3 * table.delay_ms_max if table else _NO_LIMIT
+    delay_s_max = 1e-3 * table.delay_ms_max + period_s if table else _NO_LIMIT
     return DesignedRanges(table is not None, high_m_s, *tolerated_m_s, delay_s_max)
 
 
@@ -111,7 +112,7 @@ def validity_of(
 ) -> Validity:
     """Return whether a speed and a delay are within the ranges; an unknown one counts as within.
 
-    ``delay_s``     from command to measurement [s]
+    ``delay_s``     from command to measurement, by its echo [s]
     ``fits_model``  whether the vehicle is within the ranges, as far as is known
     """
     if not p.is_known:

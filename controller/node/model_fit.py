@@ -30,6 +30,8 @@ from ..prediction.regression import Coefficients, regressed
 from ..settings import ControllerSettings
 from .plausibility import Motion, nominal_vehicle
 
+COMPARED = frozenset({"yaw_rate_rad_s", "wheel_angle_rad", "speed_m_s"})
+"""The plant's signals without any of which nothing can be said."""
 DEVIATIONS = 3.0
 MARGIN = 0.03
 """Of the width of the box: the yaw rate of a wheel that turns differs from a held one's."""

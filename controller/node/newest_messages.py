@@ -6,6 +6,7 @@ the law, the reported delay and CONTROLLER_SAFETY all use it.
 
 from ...dbc.messages import (
     Freshness,
+    HandWheelState,
     LateralError,
     Message,
     PathAhead,
@@ -57,7 +58,8 @@ class Received:
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
-        self.reception = Reception(RECEIVED, settings.counters, SENT)
+        received = RECEIVED if settings.hand_wheel is None else (*RECEIVED, HandWheelState)
+        self.reception = Reception(received, settings.counters, SENT)
         self._checks = tuple(map(self.reception.newest, SUPERVISED))
         self.errors, self.statuses, self.states = self._checks
         self._limits = settings.age_limits

@@ -12,11 +12,13 @@ from ...dbc.messages import (
     CAN_IDS,
     OTHER_REVISION_TEXT,
     ControllerFault,
+    HandWheelState,
     LateralError,
     Mode,
     PathAhead,
     Rejection,
     SecondSender,
+    SteeredBy,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
@@ -30,8 +32,9 @@ from ..limits.fades_and_ramps import ramp_step
 from ..limits.steer_limits import limit_name, limit_step
 from ..settings import ControllerSettings
 from .command_frames import CommandFrames
+from .driver_link import DriverLink
 from .law_runner import LawRunner
-from .model_fit import model_fit
+from .model_fit import COMPARED, model_fit
 from .modes import Supervisor, supervision_of
 from .newest_messages import RECEIVED, SENT, Received
 from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
@@ -87,6 +90,10 @@ class ControllerNode:
         self._overruns = OverrunSupervision(overrun_rule(settings.overruns))
         self._received = Received(settings)
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
+        table = settings.hand_wheel
+        self._driver = (
+            None if table is None else DriverLink(table, self._received.reception, start_ns)
+        )
         self._falls_silent = settings.supervision.second_sender == "silent"
         self._law = LawRunner(settings, self._ramp_step_rad)
         self._sent_steer_rad = 0.0
@@ -101,12 +108,16 @@ class ControllerNode:
         self._plausibility = Plausibility(vehicle, has_plans=self._law.design.plan is not None)
         self._is_stopped = False
         self._fit = model_fit(settings)
-        self._safety = SafetyReport(settings.validity, self._received, self._supervisor, start_ns)
+        self._safety = SafetyReport(
+            settings.designed_ranges, self._received, self._supervisor, start_ns
+        )
         self._figures = RunFigures(start_ns, settings.period_ns, samples_max)
 
     def leave_out(self, missing: frozenset[str]) -> None:
         """Take the named signals of the plant for missing on this bus."""
         self._plausibility.leave_out(missing)
+        if missing & COMPARED:
+            self._fit = None
 
     @property
     def samples(self) -> Sequence[ControlSample]:
@@ -139,6 +150,8 @@ class ControllerNode:
                 bus_history.on_vehicle(now_ns)
         elif type(message) is PathAhead and bus_history is not None:
             bus_history.on_path(message, received.vehicle.speed_m_s)
+        elif type(message) is HandWheelState and self._driver is not None:
+            self._driver.on_state(message)
         elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
             self._supervisor.on_rejection()
         return ()
@@ -162,6 +175,8 @@ class ControllerNode:
             before_rad = self._sent_steer_rad
             wanted_rad = self._wanted_rad(now_ns, period)
             mode = self._supervisor.mode
+            if self._driver is not None:
+                wanted_rad = self._beside_driver(self._driver, wanted_rad, now_ns)
             sent_rad = limit_step(self._limits, before_rad, wanted_rad)
             self._sent_steer_rad = sent_rad
             if mode is _ACTIVE:
@@ -169,6 +184,8 @@ class ControllerNode:
                 self._figures.on_law(self._received.lateral_error_m, sent_rad, limit)
             if mode is not _WAITING and not self._supervisor.is_silent:
                 frames.append(self._command_frame(mode, now_ns, period))
+            if self._driver is not None:
+                frames.append(self._driver.frame())
             fault = self._fault
             is_safety_due = self._safety.on_tick(fault, now_ns)
             stops = self.has_ended_with_plant or fault is not _NO_FAULT
@@ -236,6 +253,7 @@ class ControllerNode:
         ``stale``       how often each message exceeded its age limit
         ``sensor_period``  whether it agrees with its setting; None for laws that do not check it
         ``delay``       from command to measurement, by echo; None while unknown
+        ``driver``      who steers, and how often each began to; only with [hand_wheel]
         ``lost``        frames that never arrived or arrived too late; ``rejected`` by cause
         """
         timer, law, reception = self._control_timer, self._law, self._received.reception
@@ -264,6 +282,7 @@ class ControllerNode:
             "rejected": reception.rejected,
             "resynchronised": reception.resynchronised,
             "second_senders": reception.second_senders,
+            **({} if self._driver is None else {"driver": self._driver.report()}),
         }
 
     @property
@@ -329,6 +348,20 @@ class ControllerNode:
         elif mode is _SAFE_STOP:
             return ramp_step(self._ramp_step_rad, self._sent_steer_rad)
         return self._sent_steer_rad
+
+    def _beside_driver(self, driver: DriverLink, law_rad: float, now_ns: int) -> float:
+        """Decide who steers; returns the command: that of the law, or where the driver steers.
+
+        So the law takes over from the driver as it recovers from a hold: without a jump.
+        """
+        is_active = self._supervisor.mode is _ACTIVE
+        before = driver.steered_by
+        if driver.decide(now_ns, can_steer=is_active) is SteeredBy.DRIVER:
+            return self._received.wheel_rad
+        if before is SteeredBy.DRIVER and is_active:
+            self._law.start(Mode.HOLDING, self._received)
+            return self._sent_steer_rad
+        return law_rad
 
     def _move_on(self, now_ns: int, *, law_failed: bool) -> None:
         """Take a transition of the mode table, and prepare for the new mode."""

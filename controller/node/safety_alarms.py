@@ -29,7 +29,7 @@ from ...dbc.messages import (
     limits,
 )
 from ...runtime.frame import Frame
-from ..limits.designed_ranges import ValiditySettings, designed_ranges_of, request_of, validity_of
+from ..limits.designed_ranges import DesignedRanges, request_of, validity_of
 from .modes import Supervisor
 from .newest_messages import SUPERVISED, Received
 
@@ -115,20 +115,20 @@ def facts_of(
 class SafetyReport:
     """Finds the facts again where something may have changed, and makes the frames.
 
-    ``table``     what the settings were designed for
+    ``ranges``    what the settings were designed for
     ``received``  what has come
     ``modes``     the mode table
     ``start_ns``  when the controller starts [ns]
 
     ``facts``       as found last
-    ``validity``    whether speed and delay are within the table, as judged last
+    ``validity``    whether speed and delay are within the ranges, as judged last
     ``went_stale``  how often each message has become stale
     """
 
     def __init__(
-        self, table: ValiditySettings | None, received: Received, modes: Supervisor, start_ns: int
+        self, ranges: DesignedRanges, received: Received, modes: Supervisor, start_ns: int
     ) -> None:
-        self._ranges, self._received, self._modes = designed_ranges_of(table), received, modes
+        self._ranges, self._received, self._modes = ranges, received, modes
         self.validity = validity_of(self._ranges, None, None, True)
         self.facts = SafetyFacts(
             0,
@@ -149,9 +149,9 @@ class SafetyReport:
         self._sender = Sender(ControllerSafety)
 
     def judge_validity(self, delay_s: float | None, *, fits_model: bool) -> None:
-        """Compare the speed and a delay, None if unknown, with the table.
+        """Compare the speed and a delay, None if unknown, with the ranges.
 
-        ``fits_model``  whether the vehicle is in the table's box, as far as is known
+        ``fits_model``  whether the vehicle is in the settings' box, as far as is known
         """
         received = self._received
         speed_m_s = None if received.states.arrival_ns is None else received.vehicle.speed_m_s

@@ -22,7 +22,7 @@ from ..evaluation.report_in_words import plant_summary, verdict_text
 from ..evaluation.run_record import SAMPLES_MAX, write_trace
 from ..faults.messages_on_bus import messages_in, naming
 from ..faults.stage import with_faults
-from ..node.node import RECEIVED, SENT, PlantNode
+from ..node.node import OF_HAND_WHEEL, RECEIVED, SENT, PlantNode
 from ..settings import PRESETS, PlantSettings, plant_motion_params, shared_vehicle
 from .check_option import check_text
 from .fail_if_quantities import RUN_QUANTITIES
@@ -90,7 +90,7 @@ def _run(options: argparse.Namespace) -> int:
         return with_faults(spoken, settings.faults, settings.seed, messages_in(language))
 
     conclude = partial(_conclude, options)
-    edge = open_edge(End.PLANT, (*RECEIVED, *SENT), options, language)
+    edge = open_edge(End.PLANT, (*RECEIVED, *OF_HAND_WHEEL, *SENT), options, language)
     return run_node(NAME, options, settings, make_node, conclude, edge, ENDING)
 
 

@@ -36,7 +36,7 @@ class FaultDirection(StrEnum):
     """Direction of the frames, or the steering behind them."""
 
     DOWNLINK = "downlink"
-    """To the plant: commands."""
+    """To the plant: commands, and the hand wheel's state."""
     UPLINK = "uplink"
     """From the plant: measurements."""
     STEERING = "steering"
@@ -139,13 +139,15 @@ STEERING_FAULTS = MOTOR_FAULTS | {
 
 MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyType(
     {
-        FaultDirection.DOWNLINK: messages.sent_by("CONTROLLER"),
+        FaultDirection.DOWNLINK: (*messages.sent_by("CONTROLLER"), messages.HandWheelState),
         FaultDirection.UPLINK: tuple(
-            kind for kind in messages.sent_by("PLANT") if messages.CYCLE_TIMES_MS[kind]
+            kind
+            for kind in messages.sent_by("PLANT")
+            if messages.CYCLE_TIMES_MS[kind] or kind is messages.SteeringForce
         ),
     }
 )
-"""The plant's optional messages, which have no cycle, arrive without faults."""
+"""The plant's other optional messages, which have no cycle, arrive without faults."""
 
 
 class FaultSettings(Settings):

@@ -58,10 +58,10 @@ from ..sensors.sampling import Sampling
 from ..settings import PlantSettings, plant_motion_params
 from ..steering.control_unit import SteeringUnit
 from ..steering.hand_wheel import HandWheelLink
-from ..steering.hold_and_fallback import GuardMode
+from ..steering.hold_and_fallback import NO_PATH, GuardMode, PathSeen
 from ..steering.plan_buffer import PlanBuffer
 from ..steering.settings import design_guard
-from ..vehicle.exact_propagation import DELTA
+from ..vehicle.exact_propagation import DELTA, PSI, RHO, Y
 from ..vehicle.motion_parameters import vehicle_params
 from ..vehicle.moving_vehicle import AnyMotionParams
 from ..vehicle.plugin_equations import make_motion
@@ -149,6 +149,7 @@ class PlantNode:
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
         self._asked_speed_m_s: float | None = None
+        self._seen = NO_PATH
         self._sends_truth = settings.ground_truth
         self._status_frames = PlantStatusFrames()
         self._sampling = Sampling(
@@ -404,14 +405,22 @@ class PlantNode:
             self._fail(NOT_FINITE_COMMAND, due_ns)
         elif self._unit.on_command(steer_rad, motion_ns, is_new=is_new):
             self._motion.command(self._unit.target_rad)
+            self._brake()
             return True
         return False
 
     def _guard(self, due_ns: int) -> None:
         """Let the control unit react to missing commands."""
-        if self._unit.on_timer(self._motion_ns(due_ns)):
+        if self._unit.on_timer(self._motion_ns(due_ns), self._seen):
             self._advance(due_ns)
             self._motion.command(self._unit.target_rad)
+            self._brake()
+
+    def _brake(self) -> None:
+        """Let the fallback brake the car, where the settings say so."""
+        stop_m_s2 = self._settings.safety.stop_m_s2
+        if stop_m_s2 is not None:
+            self._motion.brake(stop_m_s2 if self._unit.stops else 0.0)
 
     def _sense(self, time_ns: int) -> None:
         """Sample the vehicle and put the messages into the uplink."""
@@ -426,13 +435,18 @@ class PlantNode:
                 self._follow(command, latency_s, time_ns, is_new=is_new)
         motion, is_limited = self._motion, self._motion.is_limited
         self._unit.on_wheel(motion.linear[DELTA], motion_ns)
+        if motion.is_finite:
+            z = motion.linear
+            self._seen = PathSeen(z[RHO], z[Y], z[PSI])
         if time_ns >= self.motion_start_ns:
             if motion.is_finite:
                 limit = self._unit.limit or ("actuator" if is_limited else "")
                 latencies_s = (self._command_latency_s, self._network.measured_latency_s)
                 self._record.on_sample(self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
-        if time_ns >= self._own_fault.reported_ns and self._unit.has_fallen_back:
+        brakes = self._settings.safety.stop_m_s2 is not None and motion.is_finite
+        has_stopped = motion.speed_m_s == 0.0 or not brakes
+        if time_ns >= self._own_fault.reported_ns and self._unit.has_fallen_back and has_stopped:
             self.finished = True
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)

@@ -10,6 +10,7 @@ from .hold_and_fallback import (
     GuardMode,
     GuardParams,
     GuardState,
+    PathSeen,
     guard_command,
     guard_fault,
     guard_rejection,
@@ -32,7 +33,7 @@ _CODES = (
     int(SteeringStatusCode.SAFE_STATE),
 )
 """Code in STEERING_STATUS for each ``GuardMode`` if nothing limits the command."""
-_FOLLOWING = int(GuardMode.FOLLOWING)
+_FOLLOWING, _FALLBACK = int(GuardMode.FOLLOWING), int(GuardMode.FALLBACK)
 _LIMITED = int(SteeringStatusCode.LIMITED)
 _LIMITED_BY_SAFETY = int(SteeringStatusCode.LIMITED_BY_SAFETY)
 
@@ -82,6 +83,11 @@ class SteeringUnit:
         return GuardMode(self._state.mode)
 
     @property
+    def stops(self) -> bool:
+        """Whether the fallback brakes now, where the settings let it."""
+        return self._state.mode >= _FALLBACK
+
+    @property
     def has_fallen_back(self) -> bool:
         """Whether the target has reached the end of SAFE_STATE's fallback."""
         is_kept = self._params.ramp_step_rad == 0.0
@@ -107,9 +113,9 @@ class SteeringUnit:
         """Process a damaged command."""
         self._state = guard_rejection(self._state)
 
-    def on_timer(self, now_ns: int) -> bool:
+    def on_timer(self, now_ns: int, seen: PathSeen) -> bool:
         """Do what is due; returns whether it sets the target."""
-        state, is_set = guard_timer(self._params, self._state, now_ns)
+        state, is_set = guard_timer(self._params, self._state, now_ns, seen)
         self._note_mode(state, now_ns, "override")
         self._enter(state, is_set=is_set)
         return is_set

@@ -5,7 +5,7 @@
     FOLLOWING    the newest command, within the safety limits        silence: HOLDING
     HOLDING      the last command or plan; each new command, faded   recovery, or ``hold_ns`` of
                                                                      silence: FALLBACK
-    FALLBACK     ramps to zero, or is kept                           recovery
+    FALLBACK     ramps to zero, is kept, or follows the path         recovery
     SAFE_STATE   as FALLBACK, whatever arrives                       the end of the run
 
 Silence is the time since the last command arrived at the actuator, behind the latency line, where a
@@ -28,6 +28,10 @@ The clock of ``hold_ns`` stops while the newest command is younger than ``silenc
 frames have not used up the run. Only the end of HOLDING resets it, so that occasional single
 commands end in FALLBACK. SAFE_STATE is entered if the wheel does not follow its target, if the
 plant has detected a fault in itself, or by the override, and stays.
+
+The unit follows the path by itself, on what its sensors read last of deviation y, heading error Δψ
+and curvature ρ at the preview point: δ = (L + K V²)(ρ − y/ℓ² − 2 Δψ/ℓ), which is stable for a way ℓ
+that is long against the actuator's lag.
 
 Every target, also of a ramp, passes ``plant_emulator.steering.safety_limiter``. Times count from
 the start of motion.
@@ -68,6 +72,8 @@ class GuardParams(NamedTuple):
     ``ramp_rad_s``       of the fade after a recovery
     ``ramp_step_rad``    of the ramp to zero, every RAMP_PERIOD_NS; 0: the target is kept
     ``override_ns``      when SAFE_STATE is forced; OFF_NS: never
+    ``path_m``           L + K V² of a fallback along the path; 0: it is another
+    ``path_1_m``         1/ℓ
     """
 
     limiter: LimiterParams
@@ -78,6 +84,19 @@ class GuardParams(NamedTuple):
     ramp_rad_s: float
     ramp_step_rad: float
     override_ns: int
+    path_m: float = 0.0
+    path_1_m: float = 0.0
+
+
+class PathSeen(NamedTuple):
+    """What the sensors read of the path last."""
+
+    curvature_1_m: float
+    lateral_error_m: float
+    heading_error_rad: float
+
+
+NO_PATH = PathSeen(0.0, 0.0, 0.0)
 
 
 class GuardState(NamedTuple):
@@ -147,7 +166,9 @@ def guard_rejection(x: GuardState) -> GuardState:
     return x._replace(good_run=max(x.good_run - 1, 0))
 
 
-def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
+def guard_timer(
+    p: GuardParams, x: GuardState, time_ns: int, seen: PathSeen = NO_PATH
+) -> tuple[GuardState, bool]:
     """Do what is due at ``deadline_ns``; returns the state and whether the target is set."""
     mode, limiter, arrived_ns, _, good_run, fade_rad, faded_ns = x
     if time_ns >= p.override_ns:
@@ -158,9 +179,12 @@ def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState
     elif mode == _HOLDING:
         mode = _FALLBACK
     target_rad = _towards_zero(limiter.steer_rad, p.ramp_step_rad)
+    if p.path_m > 0.0:
+        rho, y, psi = seen
+        target_rad = p.path_m * (rho - p.path_1_m * (p.path_1_m * y + 2.0 * psi))
     limiter, target_rad = limit_steer(p.limiter, limiter, target_rad, time_ns)
     next_ns = OFF_NS
-    if target_rad != 0.0 and p.ramp_step_rad > 0.0:
+    if p.path_m > 0.0 or (target_rad != 0.0 and p.ramp_step_rad > 0.0):
         next_ns = time_ns + RAMP_PERIOD_NS
     if mode != _SAFE_STATE:
         next_ns = min(next_ns, p.override_ns)

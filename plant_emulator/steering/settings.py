@@ -22,6 +22,9 @@ Limit = float | Literal["off"]
 _STEER_RAD_MAX = limits(SteeringCommand)["steer_rad"].maximum
 """The largest command that the bus can carry."""
 _LAGS_TO_SETTLE = 3.0
+_PATH_S, _PATH_M_MIN = 0.4, 3.0
+"""Length of the law along the path, as time at the vehicle's speed beyond twice the actuator's lag
+and dead time, and the least; chosen."""
 _REPORTING_NS = 10_000_000
 """What is left of the FTTI when silence is detected: the next STEERING_STATUS, which reports it,
 comes within a sensor period, and a tick may be late."""
@@ -32,6 +35,9 @@ class Fallback(StrEnum):
 
     KEEP = "keep"
     RAMP_TO_ZERO = "ramp_to_zero"
+    """At speed in a bend a hazard: it leads the car off the road."""
+    FOLLOW_PATH = "follow_path"
+    """The steering unit follows the path by itself, as its sensors read it."""
 
 
 class SafetySettings(Settings):
@@ -53,12 +59,15 @@ class SafetySettings(Settings):
     follow_time_ms: float = Field(100.0, ge=1.0, le=10_000.0)
     """Longest time that the wheel may be further away, beyond what an intact actuator needs."""
     ftti_ms: _OrOff[Annotated[float, Field(ge=20.0, le=10_000.0)]] = 150.0
-    """Fault tolerant time interval, for the reaction to silence and its report."""
+    """Fault tolerant time interval, for the reaction to silence and its report. 150 is chosen: no
+    rule gives a number, it follows from road and speed (``steer-by-wire study fault_time``)."""
     hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)
     """How long the last command is held in silence before the fallback."""
     plan_ms_max: float = Field(300.0, ge=0.0, le=10_000.0)
     """How long a plan is played after it has come, also in silence, but not in the fallback."""
     fallback: Fallback = Fallback.RAMP_TO_ZERO
+    stop_m_s2: float | None = Field(None, ge=0.1, le=10.0)
+    """Braking of a car to a stop during the fallback; if omitted, it drives on."""
     ramp_rad_s: float = Field(0.2, ge=0.001, le=10.0)
     """Of the fallback, and of the fade after a silence."""
     recovery_frames: int = Field(5, ge=1, le=100)
@@ -91,6 +100,8 @@ def design_guard(
     stop_rad = math.inf if actuator.angle_limit_rad is None else actuator.angle_limit_rad
     follow_s = settings.follow_time_ms * 1e-3 + _settling_s(actuator, min(_STEER_RAD_MAX, stop_rad))
     ramp_step_rad = settings.ramp_rad_s * RAMP_PERIOD_NS / NS_PER_S
+    follows_path = settings.fallback is Fallback.FOLLOW_PATH
+    path_s = _PATH_S + 2.0 * (actuator.lag_s + actuator.dead_time_s)
     override_s = settings.override_at_s
     return GuardParams(
         limiter=LimiterParams(
@@ -106,6 +117,8 @@ def design_guard(
         ramp_rad_s=settings.ramp_rad_s,
         ramp_step_rad=ramp_step_rad if settings.fallback is Fallback.RAMP_TO_ZERO else 0.0,
         override_ns=OFF_NS if override_s is None else round(override_s * NS_PER_S),
+        path_m=vehicle.speed_m_s**2 / gain_m_s2 if follows_path else 0.0,
+        path_1_m=1.0 / max(vehicle.speed_m_s * path_s, _PATH_M_MIN),
     )
 
 

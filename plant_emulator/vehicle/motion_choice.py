@@ -11,6 +11,7 @@ from .actuator import is_limited
 from .car.car_motion import (
     CarMotionParams,
     advance_car,
+    brake_car,
     command_car,
     disturb_car,
     front_lateral_of_car_n,
@@ -40,6 +41,7 @@ class MotionSteps(NamedTuple):
     ``disturb(params, state)``         that after other disturbances, the first interval of params
     ``advance(params, state, to_ns)``  that at a later time
     ``limit(state, speed)``            that after a request not to exceed a speed [m/s]
+    ``brake(state, brake)``            that after a request to brake to a stop [m/s²], 0: no more
     ``place(params, state)``           arc length beside the preview point [m], and speed [m/s]
     ``event_ns(state)``                when the inputs change next, for the interval of params
     ``is_limited(state)``              whether a limit of the actuator shapes the wheel's motion
@@ -51,6 +53,7 @@ class MotionSteps(NamedTuple):
     disturb: Callable[..., Any]
     advance: Callable[..., Any]
     limit: Callable[..., Any]
+    brake: Callable[..., Any]
     place: Callable[..., Any]
     event_ns: Callable[..., Any]
     is_limited: Callable[..., Any]
@@ -87,6 +90,7 @@ MOTIONS: dict[type, MotionSteps] = {
         disturb_motion,
         advance_motion,
         _at_constant_speed,
+        _at_constant_speed,
         place_of_linear,
         event_ns_of,
         _is_linear_limited,
@@ -98,6 +102,7 @@ MOTIONS: dict[type, MotionSteps] = {
         disturb_car,
         advance_car,
         limit_car,
+        brake_car,
         place_of_car,
         interval_end_ns_of,
         is_car_limited,

@@ -80,6 +80,10 @@ class Motion:
         """Let a car not exceed a speed from now on; a linear vehicle has no other than its own."""
         self._state = self._steps.limit(self._state, limit_m_s)
 
+    def brake(self, brake_m_s2: float) -> None:
+        """Let a car brake to a stop from now on, or no more (0)."""
+        self._state = self._steps.brake(self._state, brake_m_s2)
+
     def disturb(self, params: AnyMotionParams) -> None:
         """Let the only interval of new parameters begin now; all else in them is the same."""
         self._params = params

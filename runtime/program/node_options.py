@@ -34,7 +34,7 @@ def make_parser(
     add_json_argument(parser, shows=False)
     parser.add_argument(
         "--record", type=_recording_file, metavar="FILE",
-        help="write every frame: .log .asc .blf .csv .trc .mf4",
+        help="write every frame: .log .asc .blf .mf4",
     )  # fmt: skip
     parser.add_argument(
         "-q", "--quiet", action="store_true", help="while running, print errors only"

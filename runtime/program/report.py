@@ -140,5 +140,3 @@ def _recording_lines(recording: Mapping[str, Any]) -> Iterator[str]:
         yield f"{frames} frames recorded in {recording['file']}"
         if dropped:
             yield f"{dropped} frames not recorded: the recorder did not keep up"
-    if recording["left_out"]:
-        yield f"{recording['left_out']} frames not recorded: the format has no place for them"

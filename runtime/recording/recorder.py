@@ -1,4 +1,4 @@
-"""Records the frames of a program in any of python-can's log formats, off the control path.
+"""Records the frames of a program in a log format of python-can, off the control path.
 
     control path ── one non-blocking write ──► pipe (bounded) ──► recorder process ──► file
 
@@ -24,13 +24,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..frame import ERROR, FD, REMOTE, Frame
+from ..frame import Frame
 from ..node.real_time_loop import Port, Received
 
-SUFFIXES = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
-"""The formats, as python-can distinguishes them; ``.log`` is what ``candump -L`` writes."""
-LEFT_OUT = {".trc": ERROR | REMOTE | FD, ".csv": FD}
-"""Flags of frames that python-can's writer of a format drops, or writes as other frames."""
+SUFFIXES = (".log", ".asc", ".blf", ".mf4")
+"""The formats that have a place for every frame; ``.log`` is what ``candump -L`` writes."""
 STOP_TIMEOUT_S = 30.0
 """How long the recorder may take to finish the file; the disk may stall."""
 RECORD = struct.Struct("<qIB?Bx")
@@ -46,14 +44,12 @@ class RecordingFigures(NamedTuple):
     ``frames``    frames in the file; after a failure, those of which that is known
     ``dropped``   frames for which there was no room on the way to the recorder; after a failure,
                   all others
-    ``left_out``  frames that the format cannot represent
     ``failure``   why the recorder failed; empty if it did not
     """
 
     file: str
     frames: int
     dropped: int
-    left_out: int
     failure: str
 
 
@@ -71,15 +67,6 @@ def recording_obstacle(path: Path) -> str:
     if suffix == ".mf4" and find_spec("asammdf") is None:
         return f"{path}: .mf4 needs asammdf: pip install asammdf"
     return ""
-
-
-def fd_obstacle(path: Path) -> str:
-    """Why CAN FD frames cannot be recorded into a file of this name; empty when they can."""
-    suffix = path.suffix.lower()
-    if not LEFT_OUT.get(suffix, 0) & FD:
-        return ""
-    able = ", ".join(one for one in SUFFIXES if not LEFT_OUT.get(one, 0) & FD)
-    return f"{path}: {suffix} has no place for CAN FD frames: record as {able}"
 
 
 class Recording:
@@ -161,10 +148,10 @@ class Recording:
         with self._answer:
             if _ends(self.recorder):
                 self._rest += self._answer.read()
-        summary: dict[str, Any] = {"frames": 0, "left_out": 0, "failure": _ENDED}
+        summary: dict[str, Any] = {"frames": 0, "failure": _ENDED}
         summary |= _summary(self._rest)
         if summary["failure"]:  # what was still in the pipe is lost too
-            self._dropped = self._offered - summary["frames"] - summary["left_out"]
+            self._dropped = self._offered - summary["frames"]
         return RecordingFigures(str(self._path), dropped=self._dropped, **summary)
 
     def _end_early(self) -> None:

@@ -24,7 +24,7 @@ from can.io.generic import MessageWriter, TextIOMessageWriter
 from ..exit_status import cause_of
 from ..frame import Frame
 from ..frame.message import message_of
-from .recorder import LEFT_OUT, RECORD
+from .recorder import RECORD
 
 HELD_NS = 100_000_000
 """Longer than frames wait in a program that is on time."""
@@ -45,32 +45,28 @@ class _Record(NamedTuple):
 def record(path: Path, channel: str, source: int) -> dict[str, Any]:
     """Write every record from the descriptor ``source`` to ``path``, up to a failure.
 
-    Returns frames, left_out and failure. After a failure, frames are those of text that has been
+    Returns frames and failure. After a failure, frames are those of text that has been
     flushed; what a binary format then holds is not known.
 
     Prints "ready" on standard output when the file is open.
     """
-    counts, flushed = {"frames": 0, "left_out": 0}, 0
+    count = flushed = 0
     failure = ""
     writer: MessageWriter | None = None
     try:
         writer = can.Logger(path)
         os.write(1, b"ready\n")
-        not_in_format = LEFT_OUT.get(path.suffix.lower(), 0)
         for records in _ordered(_records(source)):
             for time_ns, _, frame, is_received in records:
-                if frame.flags & not_in_format:
-                    counts["left_out"] += 1
-                    continue
                 message = message_of(frame)
                 message.timestamp = time_ns * 1e-9
                 message.channel = channel
                 message.is_rx = is_received
                 writer.on_message_received(message)
-                counts["frames"] += 1
+                count += 1
             if isinstance(writer, TextIOMessageWriter):
                 writer.file.flush()
-                flushed = counts["frames"]
+                flushed = count
     except Exception as error:  # a writer may raise anything
         failure = cause_of(error)
     try:
@@ -78,9 +74,7 @@ def record(path: Path, channel: str, source: int) -> dict[str, Any]:
             writer.stop()
     except Exception as error:
         failure = failure or cause_of(error)
-    if failure:
-        counts["frames"] = flushed
-    return {**counts, "failure": failure}
+    return {"frames": flushed if failure else count, "failure": failure}
 
 
 def _ordered(reads: Iterator[list[_Record]]) -> Iterator[list[_Record]]:

@@ -37,12 +37,7 @@ def read_number_table(
 
     Raises SettingsError, which names the file, and the line where there is one.
     """
-    lines = read_text(file).split("\n")
-    rows = _rows(lines)
-    line, header = next(rows, (0, ""))
-    between_blanks = None if len(header.split()) > 1 else ","
-    separator = next((mark for mark in ";\t," if mark in header), between_blanks)
-    names = _cells(header.lower(), separator)
+    rows, line, names, separator = _opened(file)
     layout = next((wanted for wanted in layouts if set(wanted) <= set(names)), None)
     if layout is None:
         allowed = " or ".join(",".join(wanted) for wanted in layouts)
@@ -61,6 +56,20 @@ def read_number_table(
             raise SettingsError(f"{file}, line {line}: has {len(cells)} cells, not {len(names)}")
         table.append(TableRow(line, tuple(cells[place] for place in places)))
     return layout, table
+
+
+def column_names(file: Path) -> tuple[str, ...]:
+    """Return the names of all columns, in small letters; raises SettingsError."""
+    return tuple(_opened(file)[2])
+
+
+def _opened(file: Path) -> tuple[Iterator[tuple[int, str]], int, list[str], str | None]:
+    """Return the rows behind the header, its line, the names in it, and what separates cells."""
+    rows = _rows(read_text(file).split("\n"))
+    line, header = next(rows, (0, ""))
+    between_blanks = None if len(header.split()) > 1 else ","
+    separator = next((mark for mark in ";\t," if mark in header), between_blanks)
+    return rows, line, _cells(header.lower(), separator), separator
 
 
 def convert_cells(

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...closed_loop.recordings.durations import Durations
@@ -21,7 +20,6 @@ _CURVES = {
     "downlink": "commands, latency and wait",
     "uplink": "measurements, latency",
 }
-_DRAWN = ("lateral_error_m", "steer_rad", "wheel_angle_rad")
 ORANGE, BLUE, GREEN, PURPLE, *_ = COLOURS
 WIDTH_IN = 10.5
 SMOOTHED = {
@@ -75,8 +73,6 @@ def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
         below.plot(*analysis.histories[label].points(), color=colour, lw=1.0, label=text)
     below.set(xlabel="time since the first frame [s]", ylabel="steer [rad]")
     below.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2)
-    for axes in (above, below):
-        _mark_gaps(axes, figures)
     return figure
 
 
@@ -125,11 +121,3 @@ def draw_smoothed(table: "SmoothedTable") -> Picture:
             axes.set(ylabel=label, ylim=(low - margin, high + margin))
         every[-1].set_xlabel("time since the first frame [s]")
         return Picture(png_of(figure), "Smoothed: estimate and two standard deviations")
-
-
-def _mark_gaps(axes: Axes, figures: Mapping[str, Any]) -> None:
-    car = {name.partition(".")[0] for key, name in figures["names"].items() if key in _DRAWN}
-    drawn = car or {"STEERING_COMMAND", "LATERAL_ERROR", "STEERING_STATUS"}
-    for gap in figures["gaps"]:
-        if gap["name"] in drawn:
-            axes.axvspan(gap["at_s"], gap["at_s"] + gap["duration_s"], color="0.85", lw=0)

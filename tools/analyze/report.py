@@ -60,8 +60,6 @@ def report_html(title: str, figures: Mapping[str, Any], pictures: Sequence[Pictu
     if figures["has_times"]:
         sections.append(_latency(figures))
     sections += [_messages(figures), _refused(figures)]
-    if figures["gaps"]:
-        sections.append(_gaps(figures))
     return page(title, sections, f"verdict: {verdict_of(figures)}")
 
 
@@ -91,30 +89,7 @@ def _facts(figures: Mapping[str, Any]) -> Table:
         ("modes of the controller", ", ".join(modes) or "-"),
         ("lines that could not be read", _unreadable(figures)),
     ]
-    rows += [
-        ("latency was changed", f"at {config['at_s'] or 0.0:.2f} s: {_config(config)}")
-        for config in figures["latency_configs"]
-    ]
-    rows += [
-        ("disturbance was changed", f"at {config['at_s'] or 0.0:.2f} s: {_load(config)}")
-        for config in figures["disturbance_configs"]
-    ]
     return _pairs(rows)
-
-
-def _config(config: Mapping[str, Any]) -> str:
-    return (
-        f"{config['direction']} {config['model']}, mean {milliseconds(config['mean_s'], 1)} ms, "
-        f"spread {milliseconds(config['spread_s'], 1)} ms, {100.0 * config['loss']:g} % lost"
-    )
-
-
-def _load(config: Mapping[str, Any]) -> str:
-    return (
-        f"side force {config['side_force_n']:g} N, yaw moment {config['yaw_moment_n_m']:g} N m, "
-        f"steering offset {1e3 * config['steering_offset_rad']:g} mrad, "
-        f"friction {1.0 - config['friction_loss']:g}"
-    )
 
 
 def _unreadable(figures: Mapping[str, Any]) -> str:
@@ -168,12 +143,10 @@ def _messages(figures: Mapping[str, Any]) -> Section:
                 str(message["accepted"]),
                 milliseconds(message["cycle_dbc_s"], 0),
                 *(milliseconds(cycle[key]) for key in _SPREAD),
-                str(message["gaps"]),
             )
         )
-    heads = ("", "frames", "due [ms]", "least", "median", "mean", "99 %", "most", "std", "gaps")
-    note = "Distances in ms; a gap is longer than three of those that are due."
-    return Section("Messages", tables=(Table(heads, _rows(rows)),), notes=(note,))
+    heads = ("", "frames", "due [ms]", "least", "median", "mean", "99 %", "most", "std")
+    return Section("Messages", tables=(Table(heads, _rows(rows)),), notes=("Distances in ms.",))
 
 
 def _refused(figures: Mapping[str, Any]) -> Section:
@@ -211,15 +184,6 @@ def _sensor_period(latency: Mapping[str, Any]) -> str:
 
 def _counts(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{cause} {count}" for cause, count in counts.items()) or "0"
-
-
-def _gaps(figures: Mapping[str, Any]) -> Section:
-    rows = [
-        (gap["name"], f"{gap['at_s']:.3f}", milliseconds(gap["duration_s"], 1))
-        for gap in figures["gaps"]
-    ]
-    table = Table(("", "from [s]", "length [ms]"), _rows(rows))
-    return Section("Longest gaps", tables=(table,))
 
 
 def _rows(rows: Iterable[Sequence[str]]) -> list[list[Cell]]:

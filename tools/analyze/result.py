@@ -20,7 +20,6 @@ QUANTITIES: Mapping[str, Quantity] = {
             "round_trip_p99_s": Quantity(lambda log: log["latency"]["round_trip"]["p99_s"]),
             "missing": Quantity(lambda log: sum(m["missing"] for m in log["messages"].values())),
             "refused": Quantity(lambda log: sum(log["refused"].values())),
-            "gaps": Quantity(lambda log: sum(m["gaps"] for m in log["messages"].values())),
         },
         "log",
     ),
@@ -110,5 +109,4 @@ _ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "counters missing/of them late": _missing,
     "refused": lambda figures: str(sum(figures["refused"].values())),
     "foreign": lambda figures: str(figures["foreign_frames"]),
-    "gaps": lambda figures: str(sum(m["gaps"] for m in figures["messages"].values())),
 }

@@ -13,8 +13,8 @@ A frontier compares the structures of a law: the least error of each for every d
 guarantees, all at the same noise. It leaves frontier.csv and frontier.png in DIR.
 
 A law that meets not all demands has no preset. Its best is kept as NAME.unmet.toml, which says in
-its first line that it is no design and then what was demanded and reached. Ctrl-C, or the end of
---minutes, ends a search with its best so far.
+its first line that it is no design and then what was demanded and reached. The end of --minutes
+ends a search with its best so far.
 
 Exit status: 0, 1 where a law has no design, 2 for bad settings, 4 for a file that cannot be
 written, 130 when interrupted.

@@ -9,10 +9,10 @@ The runs of a specification as the vehicle feels them: curvature over time at it
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache, partial
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
 from ...controller.analysis.sampled_loop import SampledLoop
@@ -21,7 +21,7 @@ from ...controller.filters.transfer_function import TransferFunction
 from ...controller.law_interface import VehicleReading
 from ...controller.laws.feed_forward import steer_per_curvature
 from ...controller.laws.law_from_settings import LawDesign, steady_steer
-from ...controller.laws.set_point import set_point_params, steady_set_point_m
+from ...controller.laws.set_point import NO_SET_POINT, set_point_params, set_point_step
 from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray
@@ -84,12 +84,11 @@ def set_point_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
     set_point = set_point_params("centre_of_gravity", nominal, interval_s)
 
     def run(path: Path, speed_m_s: float) -> FloatArray:
-        part = min(speed_m_s * interval_s / set_point.distance_m, 1.0)
         met = _curvature_met(path, speed_m_s, interval_s, spec.ticks, 1)
-        steady_m = [
-            steady_set_point_m(set_point.steady, VehicleReading(speed_m_s, 0.0, rho)) for rho in met
-        ]
-        return np.asarray(lfilter([part], [1.0, part - 1.0], steady_m))
+        readings = (VehicleReading(speed_m_s, 0.0, rho) for rho in met.tolist())
+        step = partial(set_point_step, set_point)
+        _, *states = accumulate(readings, step, initial=NO_SET_POINT)
+        return np.array([state.shown.value for state in states])
 
     return _of_runs(spec, vehicle, run)
 

@@ -9,7 +9,7 @@ from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .demands import Demand, Judgement, Study, course_grid, make_study
-from .search.evolution import Progress
+from .search.evolution import Check
 from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
 from .search.parameter_search import Found, find
 from .specification import Specification
@@ -71,10 +71,10 @@ class Design(NamedTuple):
     jitter_rms_m: tuple[float, ...]
 
 
-def design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progress) -> Design:
+def design(spec: Specification, vehicle: VehicleFile, law: str, check: Check) -> Design:
     """Return the law that is best by the specification; raises NoDesignError."""
     fine = make_study(spec, vehicle, fine=True)
-    found = find(make_study(spec, vehicle, fine=False), fine, law, progress)
+    found = find(make_study(spec, vehicle, fine=False), fine, law, check)
     if not found.feasible:
         raise NoDesignError(f"{law}: no design; {_nearest(found)}", found)
     return describe(fine, found)

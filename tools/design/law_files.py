@@ -23,8 +23,8 @@ from .report import (
     unmet_text,
     written_lines,
 )
+from .search.evolution import ends_after
 from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
-from .searches import report_from
 from .specification import Specification
 from .vehicle_file import VehicleFile
 
@@ -35,7 +35,6 @@ class Job(NamedTuple):
     """A law to be designed.
 
     ``sources``   names of the files of vehicle and specification
-    ``place``     of its progress
     ``minutes``   after which the search ends with its best so far
     ``fallback``  the pd_ddob that a predictor falls back to
     """
@@ -46,7 +45,6 @@ class Job(NamedTuple):
     sources: tuple[str, str]
     preset_folder: Path
     picture_folder: Path
-    place: int
     minutes: float
     fallback: ControllerSettings | None = None
 
@@ -75,7 +73,7 @@ def run_job(job: Job) -> Outcome:
 def _linear_law(job: Job, files: LawFiles) -> Outcome:
     spec, vehicle, law = job.spec, job.vehicle, job.law
     try:
-        designed = design(spec, vehicle, law, report_from(job.place, job.minutes))
+        designed = design(spec, vehicle, law, ends_after(job.minutes))
     except NoDesignError as error:
         demands = error.found.judgement.demands
         settings = controller_settings(spec, vehicle, law, error.found.values)
@@ -114,8 +112,8 @@ def _lines(spec: Specification, design: Design, files: LawFiles) -> Iterator[str
 
 def _predictor(job: Job, files: LawFiles) -> Outcome:
     spec, table, vehicle = job.spec, required(job.spec.predictor), job.vehicle
-    report = report_from(job.place, job.minutes)
-    design = design_predictor(spec, table, vehicle, required(job.fallback), report)
+    check = ends_after(job.minutes)
+    design = design_predictor(spec, table, vehicle, required(job.fallback), check)
     lines = ["", f"predictor  ({design.judged} sets of parameters judged)"]
     figures = predictor_figures(spec, table, design)
     lines += [f"  {label:18}{text}" for label, text in figures]

@@ -35,7 +35,7 @@ from ...plant_emulator.vehicle.settings import ActuatorSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .demands import Demand
-from .search.evolution import Progress, Search, SearchStoppedError, Values
+from .search.evolution import Check, Search, SearchStoppedError, Values
 from .search.law_parameters import validity
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
@@ -218,20 +218,17 @@ def design_predictor(
     table: PredictorTable,
     vehicle: VehicleFile,
     fallback: ControllerSettings,
-    progress: Progress,
+    check: Check,
 ) -> PredictorDesign:
-    """Return the best predictor by the specification; ``fallback`` is the pd_ddob it falls back to.
-
-    ``progress``  called with the share of the search that is done, and its best cost [m]
-    """
+    """Return the best predictor by the specification, which falls back to ``fallback``."""
     ranges = {key: (value / _RANGE, value * _RANGE) for key, value in _START.items()}
-    ended, done = True, 0.0
+    ended = True
     with ThreadPoolExecutor(_THREADS) as pool:
         task = Task(pool, spec, table, vehicle)
 
         def cost(values: Values) -> float:
             if search.judged:
-                progress(done, search.least)
+                check()
             try:
                 return _cost(task, _settings(table, vehicle, fallback, values))
             except ValidationError:
@@ -239,8 +236,8 @@ def design_predictor(
 
         search = Search(cost, ranges, _DIGITS)
         try:
-            for share in search.evolve(spec.search.seed, table.generations, _START, _SPREAD):
-                done = share
+            for _ in search.evolve(spec.search.seed, table.generations, _START, _SPREAD):
+                check()
         except SearchStoppedError:
             ended = False
         (best,) = search.best(1)

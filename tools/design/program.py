@@ -4,11 +4,11 @@ import argparse
 import sys
 import time
 from collections.abc import Iterable, Mapping
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
 from ...closed_loop.processes.parallel_work import worker_pool
+from ...closed_loop.reports.terminal import counting_bars, plain_console
 from ...controller.laws.predictor import FALLBACK
 from ...controller.settings import ControllerSettings, controller_preset
 from ...runtime.command_line import say
@@ -23,7 +23,6 @@ from .frontier.frontier import run_frontier
 from .frontier.settings import FrontierSettings
 from .law_files import PREDICTOR, Job, Outcome, run_job
 from .search.law_parameters import KEYS
-from .searches import Searches, begin_worker
 from .specification import Specification
 from .vehicle_file import VehicleFile
 from .virtual_check import (
@@ -46,9 +45,9 @@ def run_design(options: argparse.Namespace) -> int:
         if options.json is not None:
             raise SettingsError("--json: --frontier writes frontier.csv")
         asked = load_settings(FrontierSettings, None, options.frontier, options.overrides)
-        status = int(run_frontier(NAME, asked, vehicle, options.out))
+        run_frontier(asked, vehicle, options.out)
         print(f"{time.perf_counter() - begin_s:.0f} s")
-        return status
+        return ExitStatus.OK
     spec = load_settings(Specification, None, options.spec, options.overrides)
     refuse_what_the_plant_does_not_drive(spec, vehicle)
     course = course_line(spec, vehicle)
@@ -62,48 +61,39 @@ def run_design(options: argparse.Namespace) -> int:
     laws = [*linear_laws(spec), *({PREDICTOR} & set(spec.laws))]
     sources = (options.vehicle.name, options.spec.name)
     jobs = {
-        law: Job(spec, vehicle, law, sources, options.out, pictures, place, options.minutes)
-        for place, law in enumerate(laws)
+        law: Job(spec, vehicle, law, sources, options.out, pictures, options.minutes)
+        for law in laws
     }
-    status, figures, searches = int(ExitStatus.OK), dict[str, Any](), Searches(NAME, laws)
+    status, figures = int(ExitStatus.OK), dict[str, Any]()
     fallback = _fallback_of(spec)
-    with worker_pool(WORKERS, begin_worker, searches.shared) as pool:
-
-        def run(*run_laws: str) -> Mapping[str, Future[Outcome]]:
-            with searches.stopped_by_ctrl_c():
-                futures = {law: pool.submit(run_job, jobs[law]) for law in run_laws}
-                searches.watch(futures)
-            return futures
-
-        for law, future in run(*linear_laws(spec)).items():
-            if future.cancelled():
-                say(NAME, f"{law}: not begun", sys.stderr)
-                continue
+    bars = counting_bars(plain_console(is_error=True))
+    with worker_pool(WORKERS) as pool, bars:
+        searched = bars.add_task("", total=len(laws))
+        futures = {law: pool.submit(run_job, jobs[law]) for law in linear_laws(spec)}
+        for law, future in futures.items():
             outcome = future.result()
+            bars.advance(searched)
             figures[law] = _print(outcome)
             design = outcome.design
             if design is None:
                 status = NO_DESIGN
                 continue
-            if options.verify and not searches.is_stopped:
+            if options.verify:
                 held, line = verify(spec, vehicle, design)
                 print(line)
                 status = status if held else NO_DESIGN
             if law == FALLBACK and spec.predictor is not None:
                 fallback = fallback or design.preset
-        if PREDICTOR in jobs and not searches.is_stopped:
-            if fallback is None:
-                text = "error: predictor: there is no pd_ddob for it to fall back to"
-                say(NAME, text, sys.stderr)
-                status = NO_DESIGN
-            else:
-                jobs[PREDICTOR] = jobs[PREDICTOR]._replace(fallback=fallback)
-                figures[PREDICTOR] = _print(run(PREDICTOR)[PREDICTOR].result())
-                status = status if figures[PREDICTOR]["is_met"] else NO_DESIGN
+        if PREDICTOR in jobs and fallback is None:
+            text = "error: predictor: there is no pd_ddob for it to fall back to"
+            say(NAME, text, sys.stderr)
+            status = NO_DESIGN
+        elif PREDICTOR in jobs:
+            job = jobs[PREDICTOR]._replace(fallback=fallback)
+            figures[PREDICTOR] = _print(pool.submit(run_job, job).result())
+            status = status if figures[PREDICTOR]["is_met"] else NO_DESIGN
     if options.json is not None:
         write_json(options.json, {"specification": spec.model_dump(mode="json"), "laws": figures})
-    if searches.is_stopped:
-        return int(ExitStatus.INTERRUPTED)
     print(f"\nplant for these: {rig}")
     print(f"{time.perf_counter() - begin_s:.0f} s")
     return status

@@ -14,7 +14,6 @@ from steer_by_wire.controller.age_limits import freshness
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.limits.designed_ranges import (
     NOT_FORWARD_M_S,
-    designed_ranges_of,
     share_of_demand,
     validity_of,
 )
@@ -184,10 +183,9 @@ def _fit(settings: ControllerSettings) -> FitParams | None:
 
 
 def _parameters(settings: ControllerSettings) -> Iterator[Parameter]:
-    ranges = designed_ranges_of(settings.validity)
     yield Parameter("SUPERVISION", modes.supervision_of(settings))
     yield Parameter("OVERRUN_RULE", overrun_rule(settings.overruns))
-    yield Parameter("DESIGNED_RANGES", ranges)
+    yield Parameter("DESIGNED_RANGES", settings.designed_ranges)
     yield Parameter("ECHO_RULE", echo_rule(settings))
     yield Parameter("FIT_PARAMS", _fit(settings) or FitParams(1.0, 0.0, 1.0, _ANY_VEHICLE))
     yield Parameter("AGE_LIMITS_NS", [*settings.age_limits])

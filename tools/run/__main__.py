@@ -22,14 +22,19 @@ from steer_by_wire.closed_loop.pair.agreed_period import pair_warnings, with_per
 from steer_by_wire.closed_loop.pair.pair_result import (
     BUS,
     CONTROLLER_PROGRAM,
+    HAND_WHEEL_PROGRAM,
     PLANT_PROGRAM,
     PairFiles,
 )
+from steer_by_wire.closed_loop.pair.with_hand_wheel import with_hand_wheel
 from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
+from steer_by_wire.hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
+from steer_by_wire.hand_wheel.settings import HandWheelSettings
+from steer_by_wire.hand_wheel.trace import write_hand_wheel_trace
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
@@ -52,6 +57,7 @@ from steer_by_wire.runtime.program.bus_options import (
     bus_settings,
 )
 from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argument, fail_status
+from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import show_or_write, write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
@@ -66,6 +72,7 @@ from steer_by_wire.tools.run.result import (
 from steer_by_wire.tools.run.run_nodes import run_in_virtual_time
 from steer_by_wire.tools.run.side_options import (
     CONTROLLER_SIDE,
+    HAND_WHEEL_SIDE,
     PLANT_SIDE,
     add_side_arguments,
     of_side,
@@ -103,6 +110,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--controller-command", type=shlex.split, metavar="WORDS",
         help="run this program as the controller, in lockstep with virtual time",
     )  # fmt: skip
+    parser.add_argument(
+        "--hand-wheel", type=settings_file(HAND_WHEEL_PRESETS), metavar="FILE",
+        help="add a hand wheel with its driver: a settings file or a preset, as still or hands_off",
+    )  # fmt: skip
     add_dialect_argument(parser)
     bus = parser.add_mutually_exclusive_group()
     bus.add_argument(
@@ -126,26 +137,41 @@ def _run(options: argparse.Namespace) -> int:
         for warning in pair_warnings(plant_settings, ours):
             say(NAME, f"warning: {warning}", sys.stderr)
         controller = ours = with_period_of(plant_settings, ours)
+    wheel = _hand_wheel(options)
+    if wheel is not None:
+        if ours is None or options.dialect:
+            taken = "--controller-command" if ours is None else "--dialect"
+            raise SettingsError(f"--hand-wheel: a run with {taken} has none")
+        plant_settings, ours, wheel = with_hand_wheel(plant_settings, ours, wheel)
+        controller = ours
     bus = _bus_settings(options)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
         words = () if ours is not None else options.controller_command
-        named = (plant_settings, ours, bus, [*language.files, *map(Path, words)])
+        named = (plant_settings, ours, bus, [*language.files, *map(Path, words)], wheel)
         refuse_another_run(files.folder, files.settings_texts(*named))
         files.write_settings(*named)
     log = files and files.candump_log
     if ours is not None:
         language.refuse_law(ours.law_that_reads_the_vehicle)
     run = run_in_virtual_time(
-        plant_settings, controller, bus, log, is_ideal=options.ideal_wire, language=language
+        plant_settings,
+        controller,
+        bus,
+        log,
+        is_ideal=options.ideal_wire,
+        language=language,
+        hand_wheel=wheel,
     )
-    reports = reports_of(run, plant_settings, controller)
+    reports = reports_of(run, plant_settings, controller, wheel)
     lines = summary(run, reports)
     if files is not None:
         for program, report in reports.items():
             write_json(files.report(program), report)
         marks = run.plant.interventions.marks()
         write_trace(files.plant_trace, run.plant.path, run.plant.samples, marks)
+        if run.hand_wheel is not None:
+            write_hand_wheel_trace(files.hand_wheel_trace, run.hand_wheel.samples)
         lines += [("files", str(files.folder)), ("again", _command(options, files))]
     status = fail_status(NAME, options.fail_if, QUANTITIES, reports)
     lines.append(("verdict", verdict(reports)))
@@ -182,6 +208,15 @@ def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
     return load_settings(ControllerSettings, preset, options.controller, overrides, vehicle)
 
 
+def _hand_wheel(options: argparse.Namespace) -> HandWheelSettings | None:
+    own = of_side(options.overrides, HAND_WHEEL_SIDE)
+    if options.hand_wheel is None:
+        if own:
+            raise SettingsError(f"--set {HAND_WHEEL_SIDE}.{own[0]}: add --hand-wheel too")
+        return None
+    return load_settings(HandWheelSettings, None, options.hand_wheel, own)
+
+
 def _refuse_beside_command(options: argparse.Namespace, words: list[str]) -> None:
     ours = {
         "--controller": options.controller,
@@ -213,6 +248,8 @@ def _command(options: argparse.Namespace, files: PairFiles) -> str:
         command += ["--controller-command", shlex.join(options.controller_command)]
     else:
         command += ["--controller", str(files.settings(CONTROLLER_PROGRAM))]
+    if options.hand_wheel:
+        command += ["--hand-wheel", str(files.settings(HAND_WHEEL_PROGRAM))]
     command += ["--ideal-wire"] * options.ideal_wire
     command += ["--dialect", str(options.dialect)] if options.dialect else []
     command += ["--bus-settings", str(files.settings(BUS))]

@@ -4,13 +4,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ...closed_loop.lockstep.node import LockstepNode
-from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
+from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, HAND_WHEEL_PROGRAM, PLANT_PROGRAM
 from ...closed_loop.pair.virtual_bus import SharedBus
 from ...controller.command_line import fail_if_quantities as controller_quantities
 from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.edge import translated_text
+from ...hand_wheel.node import HandWheelNode
+from ...hand_wheel.program import QUANTITIES as HAND_WHEEL_QUANTITIES
+from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.command_line import fail_if_quantities as plant_quantities
 from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.node.node import PlantNode
@@ -27,6 +30,7 @@ PROGRAMS = (PLANT_PROGRAM, CONTROLLER_PROGRAM)
 QUANTITIES = {
     **of_part(plant_quantities.RUN_QUANTITIES, PLANT_PROGRAM),
     **of_part(controller_quantities.QUANTITIES, CONTROLLER_PROGRAM, CONTROLLER_PREFIX),
+    **of_part(HAND_WHEEL_QUANTITIES, HAND_WHEEL_PROGRAM),
 }
 """What ``--fail-if`` may name."""
 
@@ -37,6 +41,7 @@ class Run(NamedTuple):
     ``edges``      both nodes as they are on the bus: in a dialect, behind faults
     ``elapsed_s``  how long it took [s]
     ``shared``     the bus, where there was other traffic or noise on it
+    ``hand_wheel``  None without one
     """
 
     plant: PlantNode
@@ -46,10 +51,14 @@ class Run(NamedTuple):
     elapsed_s: float
     ended_by: str
     shared: SharedBus | None = None
+    hand_wheel: HandWheelNode | None = None
 
 
 def reports_of(
-    run: Run, plant: PlantSettings, controller: ControllerSettings | Sequence[str]
+    run: Run,
+    plant: PlantSettings,
+    controller: ControllerSettings | Sequence[str],
+    hand_wheel: HandWheelSettings | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Return the report of each program, as the program itself writes it.
 
@@ -59,6 +68,8 @@ def reports_of(
         PLANT_PROGRAM: (plant, run.edges[0].report()),
         CONTROLLER_PROGRAM: (controller, run.edges[1].report()),
     }
+    if hand_wheel is not None and run.hand_wheel is not None:
+        of_program[HAND_WHEEL_PROGRAM] = hand_wheel, run.hand_wheel.report()
     return {
         program: {
             "program": NAME,
@@ -88,6 +99,8 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
         ),
         *plant_summary(plant),
     ]
+    if HAND_WHEEL_PROGRAM in reports:
+        lines.append(("hand wheel", hand_wheel_text(reports[HAND_WHEEL_PROGRAM]["node"])))
     if run.shared is not None:
         lines += _bus_lines(run.shared)
     for program in PROGRAMS:
@@ -105,7 +118,7 @@ def _failures(reports: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return [
         f"{'safe state' if 'settings' in reports[program] else 'failed'}: "
         f"{program.replace('_', ' ')}: {failure}"
-        for program in PROGRAMS
+        for program in reports
         if (failure := reports[program]["node"]["failure"])
     ]
 
@@ -122,7 +135,9 @@ def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
     is_ours = "settings" in reports[CONTROLLER_PROGRAM]
     limited = controller_report.limited_text(reports[CONTROLLER_PROGRAM]["node"]) if is_ours else ""
     plant = reports[PLANT_PROGRAM]
-    judged = "; ".join(filter(None, (verdict_text(plant["node"]), limited)))
+    wheel = reports.get(HAND_WHEEL_PROGRAM)
+    felt = "" if wheel is None else f"hand wheel: {wheel['node']['verdict']}"
+    judged = "; ".join(filter(None, (verdict_text(plant["node"]), limited, felt)))
     if not plant["ended_by"].startswith("SIG"):
         return judged
     lasted = f"{plant['node']['motion_s']:.2f} s of {plant['settings']['duration_s']:g} s"
@@ -140,3 +155,9 @@ def _bus_lines(bus: SharedBus) -> list[tuple[str, str]]:
         )
         lines.append(("bus errors", text))
     return lines
+
+
+def hand_wheel_text(node: Mapping[str, Any]) -> str:
+    """Return how the hand wheel moved, in words."""
+    turns = f"up to {node['peak_angle_rad']:.2f} rad and {node['peak_driver_torque_n_m']:.1f} N m"
+    return f"{node['law']}, {turns} of the driver; steered by the {node['steered_by']}"

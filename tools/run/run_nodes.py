@@ -18,6 +18,9 @@ from ...closed_loop.pair.virtual_pair import (
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
+from ...hand_wheel.node import HandWheelNode
+from ...hand_wheel.settings import HandWheelSettings
+from ...hand_wheel.trace import SAMPLES_MAX as HAND_WHEEL_SAMPLES_MAX
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
@@ -36,15 +39,19 @@ def run_in_virtual_time(
     *,
     is_ideal: bool,
     language: BusLanguage = OUR_LANGUAGE,
+    hand_wheel: HandWheelSettings | None = None,
 ) -> Run:
     """Run plant and controller on a bus with these settings.
 
     ``controller``  its settings, or the words of a command that speaks the lockstep protocol
     ``is_ideal``    if frames are to take no time
     ``language``    of the bus; a program speaks a car's of itself
+    ``hand_wheel``  None: there is none
     """
     plant, edge = make_virtual_plant(plant_settings, language=language)
     is_in_vain = waits_in_vain(plant, START_S_MAX)
+    wheel = None if hand_wheel is None else HandWheelNode(hand_wheel, 0, HAND_WHEEL_SAMPLES_MAX)
+    others = () if wheel is None else (wheel,)
     bitrate = settings.bitrate_bit_s
     bus = None if is_ideal else virtual_bus(settings, plant_settings.seed)
     stop = StopRequest()
@@ -60,7 +67,7 @@ def run_in_virtual_time(
                         progress.step()
                     return stop() or is_in_vain()
 
-                run_virtual_nodes(*edges, bus, candump_log, should_stop)
+                run_virtual_nodes(*edges, bus, candump_log, should_stop, others=others)
         except BusOverflowError as error:
             raise BusError(f"{bitrate} bit/s are too few: {error}") from error
     elapsed_s = time.perf_counter() - begin_s
@@ -71,7 +78,7 @@ def run_in_virtual_time(
         if isinstance(node, LockstepNode):
             node.failure = node.failure or f"it sent no valid command in {START_S_MAX} s"
     shared = bus if isinstance(bus, SharedBus) else None
-    return Run(plant, node, edges, where, elapsed_s, ended_by, shared)
+    return Run(plant, node, edges, where, elapsed_s, ended_by, shared, wheel)
 
 
 def _progress(nodes: tuple[ReportingNode, ...], duration_s: float) -> AbstractContextManager[Any]:

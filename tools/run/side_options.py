@@ -1,4 +1,4 @@
-"""``--preset`` and ``--set`` of a run: each belongs to the plant or to the controller."""
+"""``--preset`` and ``--set`` of a run: each belongs to plant, controller or hand wheel."""
 
 import argparse
 import re
@@ -7,18 +7,23 @@ from types import MappingProxyType
 
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
+from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.command_line import offer
 from ...runtime.settings import Settings, SettingsError, preset_names
 from ...runtime.settings.mistakes import hint, setting_words
 
-PLANT_SIDE, CONTROLLER_SIDE = "plant", "controller"
+PLANT_SIDE, CONTROLLER_SIDE, HAND_WHEEL_SIDE = "plant", "controller", "hand_wheel"
 _PACKAGES: Mapping[str, str] = MappingProxyType(
     {PLANT_SIDE: PLANT_PRESETS, CONTROLLER_SIDE: CONTROLLER_PRESETS}
 )
 _MODELS: Mapping[str, type[Settings]] = MappingProxyType(
-    {PLANT_SIDE: PlantSettings, CONTROLLER_SIDE: ControllerSettings}
+    {
+        PLANT_SIDE: PlantSettings,
+        CONTROLLER_SIDE: ControllerSettings,
+        HAND_WHEEL_SIDE: HandWheelSettings,
+    }
 )
 
 
@@ -69,11 +74,11 @@ def _preset(name: str) -> tuple[str, str]:
 
 def _override(text: str) -> tuple[str, str]:
     side, _, rest = text.partition(".")
-    if side in _PACKAGES and rest:
+    if side in _MODELS and rest:
         return side, rest
     first = re.split("[.=]", text)[0]
     owners = [name for name, model in _MODELS.items() if first in model.model_fields]
     meant = f" (did you mean {owners[0]}.{text[:60]}?)" if owners else ""
     raise argparse.ArgumentTypeError(
-        f"{text[:60]!r} begins with neither plant. nor controller.{meant}"
+        f"{text[:60]!r} begins with none of plant., controller. and hand_wheel.{meant}"
     )

@@ -28,7 +28,6 @@ from ...runtime.settings import Settings
 from .against_pd import comparison_section
 from .fault_reactions import reaction_sections
 from .law_by_delay import CURVES_MAX, draw_error_over_delay, law_by_delay, law_section
-from .worst_runs import worst_sections
 
 PAGE = "report.html"
 
@@ -45,7 +44,6 @@ def write(folder: Path) -> Path:
         *reaction_sections(study, rows),
         *_laws(study, rows),
         comparison_section(study, rows),
-        *worst_sections(study, rows),
     ]
     file = folder / PAGE
     held = np.count_nonzero(rows.verdict == HOLDS)

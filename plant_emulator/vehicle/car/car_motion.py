@@ -83,8 +83,9 @@ class CarMoment(NamedTuple):
     patch: int
 
 
-Orders = tuple[float, float]
-"""The steering command [rad], and the speed that somebody on the bus asks not to exceed [m/s]."""
+Orders = tuple[float, float, float]
+"""The steering command [rad], the speed that somebody on the bus asks not to exceed [m/s], and the
+braking to a stop, 0 for none [m/s²]."""
 
 CarCourse = tuple[int, CarMoment, CarMoment, Orders, int, int]
 """Time [ns] and state of the last step that is kept, the state now, the orders, the interval of the
@@ -102,20 +103,27 @@ def start_car(p: CarMotionParams) -> CarMotionState:
     lateral_m, heading_rad = p.lateral_error_m, p.heading_error_rad
     car = CarState(p.speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, lateral_m, heading_rad)
     now = CarMoment(car, steering_at_rest(p.steering), 0.0, 0, Place(0, 0), 0)
-    return 0, _shown(p, now), (0, now, now, (0.0, inf), 0, _interval_end_ns(p, 0))
+    return 0, _shown(p, now), (0, now, now, (0.0, inf, 0.0), 0, _interval_end_ns(p, 0))
 
 
 def command_car(p: CarMotionParams, x: CarMotionState, steer_rad: float) -> CarMotionState:  # noqa: ARG001 - as the linear motion
     """Return the state after a steering command has reached the actuator."""
-    time_ns, shown, (_, _, now, (_, limit_m_s), interval, interval_end_ns) = x
-    orders = steer_rad, limit_m_s
+    time_ns, shown, (_, _, now, (_, limit_m_s, brake_m_s2), interval, interval_end_ns) = x
+    orders = steer_rad, limit_m_s, brake_m_s2
     return time_ns, shown, (time_ns, now, now, orders, interval, interval_end_ns)
 
 
 def limit_car(x: CarMotionState, limit_m_s: float) -> CarMotionState:
     """Return the state after somebody has asked not to exceed a speed."""
-    time_ns, shown, (_, _, now, (steer_rad, _), interval, interval_end_ns) = x
-    orders = steer_rad, limit_m_s
+    time_ns, shown, (_, _, now, (steer_rad, _, brake_m_s2), interval, interval_end_ns) = x
+    orders = steer_rad, limit_m_s, brake_m_s2
+    return time_ns, shown, (time_ns, now, now, orders, interval, interval_end_ns)
+
+
+def brake_car(x: CarMotionState, brake_m_s2: float) -> CarMotionState:
+    """Return the state after a request to brake to a stop, or no more (0)."""
+    time_ns, shown, (_, _, now, (steer_rad, limit_m_s, _), interval, interval_end_ns) = x
+    orders = steer_rad, limit_m_s, brake_m_s2
     return time_ns, shown, (time_ns, now, now, orders, interval, interval_end_ns)
 
 
@@ -165,7 +173,7 @@ def _moment_step(
 ) -> CarMoment:
     """Return the state after one step of steering, speed control and car."""
     car, steering, demand_m_s2, leg, place, patch = x
-    command_rad, limit_m_s = orders
+    command_rad, limit_m_s, brake_m_s2 = orders
     h_s = 1e-9 * (to_ns - from_ns)
     load = p.intervals[interval]
     acts = SteeringInput(
@@ -185,7 +193,11 @@ def _moment_step(
     leg, wanted_m_s, rate_m_s2 = wanted_speed(p.speed, leg, at)
     if wanted_m_s > limit_m_s:
         wanted_m_s, rate_m_s2 = limit_m_s, 0.0
+    if brake_m_s2 > 0.0:
+        wanted_m_s, rate_m_s2 = 0.0, 0.0
     demand_m_s2 = demand_step(p.speed, demand_m_s2, wanted_m_s, rate_m_s2, car.speed_m_s, h_s)
+    if brake_m_s2 > 0.0:
+        demand_m_s2 = max(demand_m_s2, -brake_m_s2)
     inputs = CarInput(
         steering.road_rad + load.steering_offset_rad,
         demand_m_s2,

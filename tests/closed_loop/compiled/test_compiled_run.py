@@ -70,6 +70,10 @@ PLANTS: dict[str, Sequence[str]] = {
         *("latency.uplink.mean_s=0.05", "latency.uplink.spread_s=0.03", "latency.uplink.loss=0.2"),
     ),
     "sensors at their own pace": ("sensor_period_ms=7", "latency.uplink.mean_s=0.003"),
+    "fallback along the path": (
+        *("safety.fallback=follow_path", "safety.override_at_s=2.003"),
+        'path={kind="circle", radius_m=30.0}',
+    ),
     "next to the path": (
         *("vehicle.initial_lateral_error_m=1.5", "vehicle.initial_heading_error_rad=-0.2"),
     ),
@@ -206,13 +210,15 @@ def random_line(rng: random.Random, direction: str) -> list[str]:
 
 
 def test_a_car_on_a_rack_is_compiled_to_the_same_bits() -> None:
-    """With play, a dead time that overlaps several commands, and faults of the steering."""
+    """With play, a dead time that overlaps several commands, faults, and a fallback that brakes."""
     plant = plant_preset(
         "bmw_320i",
         [
             *("duration_s=8", "car.rack={play_rad=0.004, friction='lugre'}"),
             *("actuator.dead_time_s=0.0437", "latency.uplink.mean_s=0.0123457"),
-            *("safety.follow_tolerance_rad='off'", "disturbance.steps=[{at_s=3, friction=0.8}]"),
+            "safety={fallback='follow_path', stop_m_s2=3, override_at_s=6.5,"
+            " follow_tolerance_rad='off'}",
+            "disturbance.steps=[{at_s=3, friction=0.8}]",
             "faults=[{kind='slow_wheel', direction='steering', onset_s=2.5, magnitude=0.1},"
             " {kind='drifting_sensor', direction='steering', onset_s=2.0, magnitude=0.002},"
             " {kind='stuck_wheel', direction='steering', onset_s=5, duration_s=0.3}]",
@@ -220,6 +226,7 @@ def test_a_car_on_a_rack_is_compiled_to_the_same_bits() -> None:
     )
     run = assert_same_as_nodes(plant, controller_preset("highway_pd"))
     assert np.ptp(run.wheel_angle_rad) > 0.005
+    assert run.speed_m_s[-1] < 14.0
 
 
 @compiled

@@ -20,7 +20,6 @@ from steer_by_wire.tools.analyze.__main__ import main
 from tests.searches.drawn_logs import Logs, mistake_in
 from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import (
-    ON_THE_WIRE_S,
     Run,
     analyse,
     convert,
@@ -179,20 +178,6 @@ def test_frames_that_a_node_would_refuse_are_counted_by_cause(
     assert [figures["messages"][name]["missing"] for name in others] == [0] * len(others)
 
 
-def test_a_gap_is_reported_with_its_place(constant: Run, tmp_path: Path) -> None:
-    entries = entries_in(constant.log)
-    start_ns = entries[0].time_ns
-    kept = [
-        entry
-        for entry in entries
-        if not (is_of(entry, "STEERING_COMMAND") and 5.0 <= 1e-9 * (entry.time_ns - start_ns) < 5.4)
-    ]
-    gaps = analyse(write_log(tmp_path / "gap.log", kept))["gaps"]
-    assert [gap["name"] for gap in gaps] == ["STEERING_COMMAND"]
-    assert gaps[0]["at_s"] == pytest.approx(5.0, abs=PERIOD_S + ON_THE_WIRE_S)
-    assert gaps[0]["duration_s"] == pytest.approx(0.4 + PERIOD_S, abs=ON_THE_WIRE_S + PERIOD_S)
-
-
 def test_a_log_out_of_order_is_not_judged(
     constant: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -223,16 +208,6 @@ def test_a_log_of_foreign_frames_only_is_not_judged(
     )
 
 
-def test_a_change_of_the_latency_is_reported(tmp_path: Path) -> None:
-    path = tmp_path / "set.log"
-    path.write_text("(1.000000) vcan0 123#00\n(3.500000) vcan0 320#2320032C016400\n")
-    (config,) = analyse(path)["latency_configs"]
-    assert config == {
-        "at_s": 2.5, "direction": "BOTH", "model": "NORMAL",
-        "mean_s": pytest.approx(0.08), "spread_s": pytest.approx(0.03), "loss": pytest.approx(0.01),
-    }  # fmt: skip
-
-
 @pytest.mark.parametrize("position", [1, 1500])
 def test_a_clock_that_is_set_during_the_log_costs_no_time_and_is_reported(
     varying: Run, tmp_path: Path, position: int, capsys: Capture
@@ -247,8 +222,6 @@ def test_a_clock_that_is_set_during_the_log_costs_no_time_and_is_reported(
     # But for the one distance between two frames.
     assert figures["duration_s"] == pytest.approx(whole["duration_s"], abs=0.02)
     assert figures["held_path"]["verdict"] == whole["held_path"]["verdict"]
-    for name, message in whole["messages"].items():
-        assert figures["messages"][name]["gaps"] == message["gaps"], name
 
 
 WRITTEN = {".asc": "1  110  ", ".csv": ",0x110,", ".trc": " 0110 "}

@@ -56,22 +56,23 @@ def preset(name: str, *overrides: str) -> ControllerSettings:
         (2.005, 0.25, Validity.VALID),  # the speed's resolution
         (2.006, 0.0, Validity.SPEED_HIGH),
         (0.994, 0.0, Validity.SPEED_LOW),
-        (1.5, 0.2501, Validity.DELAY_LONG),
+        (1.5, 0.2557, Validity.VALID),  # the echo of 250 ms
+        (1.5, 0.2601, Validity.DELAY_LONG),
         (0.5, 0.3, Validity.DELAY_LONG),
     ],
 )
 def test_speed_and_delay_are_judged_at_their_bounds(
     speed_m_s: float | None, delay_s: float | None, expected: Validity
 ) -> None:
-    assert validity_of(designed_ranges_of(WALKING), speed_m_s, delay_s, True) is expected
-    assert validity_of(designed_ranges_of(None), speed_m_s, delay_s, True) is Validity.UNKNOWN
+    assert validity_of(designed_ranges_of(WALKING, 0.01), speed_m_s, delay_s, True) is expected
+    assert validity_of(designed_ranges_of(None, 0.01), speed_m_s, delay_s, True) is Validity.UNKNOWN
 
 
 def test_twice_too_fast_a_law_asks_for_a_quarter() -> None:
-    walking = designed_ranges_of(WALKING)
+    walking = designed_ranges_of(WALKING, 0.01)
     assert share_of_demand(walking, 4.0) == 0.25
     assert share_of_demand(walking, 2.005) == 1.0
-    assert share_of_demand(designed_ranges_of(None), 40.0) == 1.0
+    assert share_of_demand(designed_ranges_of(None, 0.01), 40.0) == 1.0
     shares = [share_of_demand(walking, 0.1 * step) for step in range(1, 800)]
     assert all(later <= earlier for earlier, later in pairwise(shares))
 

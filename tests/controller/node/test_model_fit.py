@@ -8,6 +8,12 @@ from typing import Any
 import pytest
 
 from steer_by_wire import simulate
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
+from steer_by_wire.runtime.settings import with_values
 from tests.searches.ordinary_runs import alarm_in
 from tests.support.suite.combinations import combined
 
@@ -88,3 +94,20 @@ def test_at_walking_speed_the_mass_neither_shows_nor_matters() -> None:
 def test_an_offset_that_is_steered_against_is_no_wrong_vehicle(seed: int) -> None:
     """Judged at any deviation, these two ordinary runs read *model does not fit*."""
     assert alarm_in(seed) == ""
+
+
+@pytest.mark.parametrize("missing", [frozenset(), frozenset({"yaw_rate_rad_s"})])
+def test_a_yaw_rate_that_no_message_carries_is_no_misfit(
+    missing: frozenset[str], winding: dict[str, Any]
+) -> None:
+    absent = {"kind": "scale", "message": "VEHICLE_STATE", "signal": "yaw_rate_rad_s"}
+    fault = {**absent, "magnitude": 0.0, "direction": "uplink"}
+    plant = with_values(plant_preset("highway_nominal"), {"faults": [fault]}, "test")
+    values = {key.removeprefix("plant."): value for key, value in winding.items()}
+    law = controller_preset("highway_pd", ["supervision.stops_if_implausible=false"])
+    pair = make_virtual_pair(with_values(plant, values, "test"), law)
+    pair.controller.leave_out(missing)
+    VirtualTimeExecutor((pair.edge, pair.controller)).run(12 * NS_PER_S)
+    found = pair.controller.report()
+    assert ("model_misfit" in found["validity_share"]) is (not missing)
+    assert (found["model"] is None) is bool(missing)

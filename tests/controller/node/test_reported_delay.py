@@ -46,3 +46,9 @@ def test_a_run_reports_the_networks_delay_within_half_a_period() -> None:
     network = {"plant.latency.uplink.mean_s": 0.06}
     run = simulate(seed=7, duration_s=5.0, latency_s=0.12, overrides=network)
     assert run.controller_report["delay"]["echo_s"] == pytest.approx(0.18, abs=0.0055)
+
+
+@pytest.mark.parametrize(("delay_ms", "is_long"), [(250.0, False), (265.0, True)])
+def test_the_declared_delay_itself_is_not_too_long(delay_ms: float, is_long: bool) -> None:
+    run = simulate(controller="practical_pd_ddob", latency_s=1e-3 * delay_ms, duration_s=4.0)
+    assert ("delay_long" in run.controller_report["validity_share"]) is is_long

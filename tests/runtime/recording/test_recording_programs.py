@@ -69,7 +69,7 @@ def test_a_report_says_what_was_recorded(
     assert status == ExitStatus.OK
     sent = report["loop"]["frames_sent"]
     assert report["recording"] == {
-        "file": str(path), "frames": sent, "dropped": 0, "left_out": 0, "failure": ""
+        "file": str(path), "frames": sent, "dropped": 0, "failure": ""
     }  # fmt: skip
     assert len(messages_in(path)) == sent
     assert f"{sent} frames recorded in {path}" in capsys.readouterr().out

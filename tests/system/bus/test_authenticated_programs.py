@@ -169,18 +169,6 @@ def test_a_key_file_that_cannot_be_used_is_one_line_and_status_2(
     assert line.endswith("chmod 600 it")
 
 
-@pytest.mark.parametrize("name", ["run.csv", "run.TRC"])
-def test_a_recording_that_would_stay_empty_is_one_line_and_status_2(
-    tmp_path: Path, key: str, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
-    path = tmp_path / name
-    options = ["-i", "virtual", "-c", "0", "--key-file", key, "--record", str(path)]
-    assert plant_main(options) == ExitStatus.SETTINGS
-    (line,) = capsys.readouterr().err.splitlines()
-    assert f"{path}: {path.suffix.lower()} has no place for CAN FD frames: record as .log" in line
-    assert not path.exists()
-
-
 def test_a_bus_for_classic_frames_only_is_one_line_and_status_3(tmp_path: Path, key: str) -> None:
     with launched_broker() as address:
         options = ["-i", "emulated", "--bus-kwargs", f"address={address}", "--key-file", key]

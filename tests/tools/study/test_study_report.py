@@ -1,7 +1,6 @@
 """The report of a study: what it aggregates by hand, its bounds, and the page as a whole."""
 
 import re
-import shlex
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -27,7 +26,6 @@ from steer_by_wire.tools.study.against_pd import comparison_section
 from steer_by_wire.tools.study.fault_reactions import reaction_sections
 from steer_by_wire.tools.study.law_by_delay import law_by_delay
 from steer_by_wire.tools.study.report import PAGE, write
-from steer_by_wire.tools.study.worst_runs import worst_rows, worst_sections
 from tests.support.runs.small_study import CORNERS
 from tests.support.suite.unrendered import unrendered as unrendered
 
@@ -106,12 +104,6 @@ def test_the_page_holds_everything_and_needs_nothing(results: Path) -> None:
     assert all(source.startswith("data:image/png;base64,") for source in images)
     for name in PICTURES:
         assert (results / f"{name}.png").read_bytes().startswith(PNG)
-    commands = [shlex.split(code.text or "") for code in root.iter("code")]
-    assert len(commands) == 10
-    for command in commands:
-        assert command[:2] == ["steer-by-wire", "study"]
-        assert Path(command[2]).exists()
-        assert 0 <= int(command[-1]) < RUNS
 
 
 def test_a_folder_without_results_is_refused_in_one_line(
@@ -227,23 +219,3 @@ def test_laws_are_compared_run_by_run_where_both_hold(study: StudyRecord) -> Non
     assert ddob[1:5] == ["3 (75.0 %)", "1", "1", f"{0.5 * (1 / 2 + 3 / 4):.3f}"]
     assert ddob[6] == "100.0 %"
     assert (pd[4], pd[6], pd[8]) == ("1.000", "0.0 %", "5,000")
-
-
-def test_the_worst_runs_are_the_largest_errors_of_different_points(study: StudyRecord) -> None:
-    rows = read_rows(study)
-    found = worst_rows(study, rows)
-    assert len(found) == 10
-    assert len({(rows.controller[row], rows.id[row] // 4) for row in found}) == 10
-    assert rows.rms_m[found[0]] == np.nanmax(rows.rms_m)
-
-
-def test_runs_that_all_hold_alike_have_no_worst(study: StudyRecord) -> None:
-    rows = read_rows(study)
-    runs = np.arange(len(rows.id))
-    holds, cycle = map(VERDICTS.index, (Verdict.HOLDS, Verdict.LIMIT_CYCLE))
-    alike = rows._replace(verdict=0 * runs + holds, rms_m=0.01 + 0.0009 * (runs % 2))
-    assert worst_sections(study, alike) == []
-    for field, value in (("rms_m", 0.02), ("verdict", cycle)):
-        column = getattr(alike, field).copy()
-        column[0] = value
-        assert len(worst_sections(study, alike._replace(**{field: column}))) == 1

@@ -2,16 +2,16 @@
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
 from ....closed_loop.processes.parallel_work import worker_pool
 from ....closed_loop.reports.plot_style import plot_style
+from ....closed_loop.reports.terminal import counting_bars, plain_console
 from ....controller.laws.predictor import NAME as PREDICTOR
-from ....runtime.exit_status import ExitStatus
 from ....runtime.output_file import open_text
 from ..search.law_parameters import KEYS
-from ..searches import Searches, begin_worker, report_from
 from ..vehicle_file import VehicleFile
 from .picture import draw_frontier
 from .points import Point, designed_points, predictor_points
@@ -20,33 +20,26 @@ from .settings import STRUCTURES, FrontierSettings
 WORKERS = 2
 
 
-def run_frontier(
-    program: str, asked: FrontierSettings, vehicle: VehicleFile, folder: Path
-) -> ExitStatus:
+def run_frontier(asked: FrontierSettings, vehicle: VehicleFile, folder: Path) -> None:
     """Compute, write frontier.csv and frontier.png, and print the table.
 
-    Ctrl-C ends it with what is done. Raises OSError where the folder cannot be written.
+    Raises OSError where the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    searches = Searches(program, asked.structures)
-    with (
-        worker_pool(WORKERS, begin_worker, searches.shared) as pool,
-        searches.stopped_by_ctrl_c(),
-    ):
+    with worker_pool(WORKERS) as pool, counting_bars(plain_console(is_error=True)) as bars:
         futures = {
             name: pool.submit(compute, asked, vehicle, name)
             for name in sorted(asked.structures, key=_effort, reverse=True)
         }
-        searches.watch(futures)
-    done = [futures[name] for name in asked.structures if not futures[name].cancelled()]
-    points = [point for future in done for point in future.result()]
+        for _ in bars.track(as_completed(futures.values()), total=len(futures)):
+            pass
+    points = [point for name in asked.structures for point in futures[name].result()]
     write_csv(points, folder / "frontier.csv")
     with plot_style():
         draw_frontier(asked, points).savefig(folder / "frontier.png", bbox_inches="tight")
     for line in _table(asked, points):
         print(line)
     print(f"-> {folder}: frontier.csv, frontier.png")
-    return ExitStatus.INTERRUPTED if searches.is_stopped else ExitStatus.OK
 
 
 def _effort(structure: str) -> int:
@@ -57,15 +50,10 @@ def _effort(structure: str) -> int:
 
 def compute(asked: FrontierSettings, vehicle: VehicleFile, structure: str) -> list[Point]:
     """Return a structure's points, the shortest delay first."""
-    report = report_from(asked.structures.index(structure))
-
-    def done(share: float) -> None:
-        report(share, 0.0)
-
     if structure == PREDICTOR:
-        points = predictor_points(asked, vehicle, done)
+        points = predictor_points(asked, vehicle)
     else:
-        points = designed_points(asked, vehicle, structure, done)
+        points = designed_points(asked, vehicle, structure)
     return [*points][::-1]
 
 

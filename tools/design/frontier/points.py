@@ -5,7 +5,7 @@ too, and the search for the shorter delay begins near it.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from ....controller.analysis.sampled_loop import SampledLoop
@@ -20,7 +20,7 @@ from ....runtime.node import NS_PER_MS
 from ..demands import Study, judge_law, make_study
 from ..loop_figures import behind_lag
 from ..predictor_design import design_predictor, predictor_demands
-from ..search.evolution import Values
+from ..search.evolution import Values, without_end
 from ..search.law_parameters import controller_settings, with_set_point
 from ..search.parameter_search import find
 from ..specification import (
@@ -72,29 +72,19 @@ class Point(NamedTuple):
 
 
 def designed_points(
-    asked: FrontierSettings, vehicle: VehicleFile, structure: str, done: Callable[[float], None]
+    asked: FrontierSettings, vehicle: VehicleFile, structure: str
 ) -> Iterator[Point]:
-    """Yield a point for each delay, the longest first; delays without a design have none.
-
-    A search that is stopped ends it.
-    """
+    """Yield a point for each delay, the longest first; delays without a design have none."""
     law, q_kinds = STRUCTURES[structure].law, STRUCTURES[structure].q_kinds
     known: dict[QKind, Values] = {}
-    searches = len(asked.delays_ms) * len(q_kinds)
-    for index, delay_ms in enumerate(reversed(asked.delays_ms)):
+    for delay_ms in reversed(asked.delays_ms):
         points = []
-        for place, q_kind in enumerate(q_kinds, index * len(q_kinds)):
-
-            def progress(share: float, _best: float, place: int = place) -> None:
-                done((place + share) / searches)
-
+        for q_kind in q_kinds:
             coarse, fine = (
                 study(asked, vehicle, structure, delay_ms, is_fine, q_kind)
                 for is_fine in (False, True)
             )
-            found = find(coarse, fine, law, progress, known.get(q_kind))
-            if not found.ended:
-                return
+            found = find(coarse, fine, law, without_end, known.get(q_kind))
             if found.feasible:
                 known[q_kind] = found.values
                 points.append(point_of(asked, fine, structure, found.values, found.judged))
@@ -176,21 +166,13 @@ def specification_for(
     )
 
 
-def predictor_points(
-    asked: FrontierSettings, vehicle: VehicleFile, done: Callable[[float], None]
-) -> Iterator[Point]:
+def predictor_points(asked: FrontierSettings, vehicle: VehicleFile) -> Iterator[Point]:
     """Yield the predictor's point for each delay, the longest first."""
     fallback = controller_preset(FALLBACK_PRESET)
-    for index, delay_ms in enumerate(reversed(asked.delays_ms)):
-
-        def progress(share: float, _best: float, index: int = index) -> None:
-            done((index + share) / len(asked.delays_ms))
-
+    for delay_ms in reversed(asked.delays_ms):
         spec = specification_for(asked, PREDICTOR, delay_ms)
         table = required(spec.predictor)
-        design = design_predictor(spec, table, vehicle, fallback, progress)
-        if not design.ended:
-            return
+        design = design_predictor(spec, table, vehicle, fallback, without_end)
         if not any(demand.excess for demand in predictor_demands(spec, table, design)):
             yield Point(
                 PREDICTOR,

@@ -9,6 +9,7 @@ preset, and nothing is rounded afterwards.
 """
 
 import math
+import time
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
@@ -18,9 +19,8 @@ from ....runtime.array_types import FloatArray
 
 Values = dict[str, float]
 """Parameters by their keys."""
-Progress = Callable[[float, float], None]
-"""Called with the share of the search that is done, and its least cost; may raise
-SearchStoppedError."""
+Check = Callable[[], None]
+"""Called after each generation; raises SearchStoppedError where the search is to end."""
 SPREAD = 0.25
 """Standard deviation of the first generation, as a share of the range."""
 _SPREAD_MIN = 1e-3
@@ -29,7 +29,22 @@ _POINTS_PER_PARAMETER = 4
 
 
 class SearchStoppedError(Exception):
-    """The user has stopped a search, or its time is up."""
+    """The time of a search is up."""
+
+
+def without_end() -> None:
+    """Let a search come to its own end."""
+
+
+def ends_after(minutes: float) -> Check:
+    """Return the check that ends a search some minutes from now."""
+    end_s = time.monotonic() + 60.0 * minutes
+
+    def check() -> None:
+        if time.monotonic() > end_s:
+            raise SearchStoppedError
+
+    return check
 
 
 class Search:

@@ -13,7 +13,7 @@ from ....controller.analysis.sampled_loop import SampledLoop
 from ....runtime.node import NS_PER_MS
 from ..demands import Judgement, Study, judge_law
 from ..loop_figures import behind_lag
-from .evolution import SPREAD, Progress, Search, SearchStoppedError, Values
+from .evolution import SPREAD, Check, Search, SearchStoppedError, Values
 from .law_parameters import bounds, controller_settings, designs
 
 DELAY_NS_MAX = 2_000 * NS_PER_MS
@@ -121,9 +121,7 @@ def cost(judgement: Judgement) -> float:
     return judgement.objective * (1.0 + _VIOLATION_WEIGHT * judgement.violation)
 
 
-def find(
-    coarse: Study, fine: Study, law: str, progress: Progress, near: Values | None = None
-) -> Found:
+def find(coarse: Study, fine: Study, law: str, check: Check, near: Values | None = None) -> Found:
     """Search the parameters of a law; deterministic for the seed of the specification.
 
     ``near``  a known design, near which the first start begins
@@ -136,13 +134,13 @@ def find(
             if 0 < start == table.starts - 1 and "cdob" in ranges:
                 search.search_between({**ranges, "cdob": (_FAST_CDOB_RAD_S, ranges["cdob"][1])})
             begins = (near, _SPREAD_NEAR) if near is not None and start == 0 else (None, SPREAD)
-            for share in search.evolve(table.seed + start, table.generations, *begins):
-                progress((start + share) / table.starts, search.least)
+            for _ in search.evolve(table.seed + start, table.generations, *begins):
+                check()
         if search.least < _INFEASIBLE and not _first_confirmed(fine, law, search).feasible:
             (near,) = search.best(1)
             search = Search(lambda values: cost(judge_law(fine, law, values)), ranges)
             for _ in search.evolve(table.seed, _FINE_GENERATIONS, near, _SPREAD_NEAR):
-                progress(1.0, search.least)
+                check()
     except SearchStoppedError:
         ended = False
     return _first_confirmed(fine, law, search)._replace(ended=ended)

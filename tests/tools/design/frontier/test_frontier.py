@@ -26,7 +26,7 @@ from steer_by_wire.tools.design.frontier.points import (
     with_map,
 )
 from steer_by_wire.tools.design.frontier.settings import STRUCTURES, FrontierSettings
-from steer_by_wire.tools.design.search.evolution import SearchStoppedError, Values
+from steer_by_wire.tools.design.search.evolution import Values
 from steer_by_wire.tools.design.search.law_parameters import controller_settings, with_set_point
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from steer_by_wire.tools.design.virtual_check import constant, drive, plants
@@ -133,7 +133,7 @@ def test_the_page_states_the_errors_that_the_designs_have(structure: str) -> Non
 def test_a_short_search_for_one_vehicle_finds_less_error_than_the_design_for_its_box() -> None:
     quick = asked("course.duration_s=6", "search.generations=25", "search.starts=1")
     alone = VehicleFile(vehicle=vehicle().vehicle)
-    (found,) = designed_points(quick, alone, "PD", lambda _: None)
+    (found,) = designed_points(quick, alone, "PD")
     fine = study(quick, alone, "PD", 250.0, True)
     assert found.rms_m <= 0.8 * point_of(quick, fine, "PD", FOUND["PD"]).rms_m
 
@@ -159,7 +159,7 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
     for name, function in {"study": study_of, "find": find, "point_of": point_of}.items():
         monkeypatch.setattr(points, name, function)
     quick = asked("delays_ms=[160, 250]")
-    found = designed_points(quick, vehicle(), "PD + DOB", lambda _: None)
+    found = designed_points(quick, vehicle(), "PD + DOB")
     assert [(each.delay_ms, each.q_kind) for each in found] == [
         (250.0, "order_2"),
         (160.0, "type_2"),
@@ -168,20 +168,10 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
     assert begun == [*first, ("type_2", {"k_p": 250.0}), ("order_2", {"k_p": 251.0})]
 
 
-def test_a_stopped_frontier_keeps_the_delays_that_are_done() -> None:
-    def done(share: float) -> None:
-        if share > 0.5:
-            raise SearchStoppedError
-
-    quick = asked("delays_ms=[160, 250]", "search.generations=1", "course.duration_s=6")
-    alone = VehicleFile(vehicle=vehicle().vehicle)
-    assert [found.delay_ms for found in designed_points(quick, alone, "PD", done)] == [250.0]
-
-
 def test_the_predictor_is_searched_under_the_demands_of_the_others() -> None:
     quick = asked("delays_ms=[160]", "predictor_generations=1", "course.duration_s=12")
     alone = VehicleFile(vehicle=vehicle().vehicle)
-    (found,) = predictor_points(quick, alone, lambda _: None)
+    (found,) = predictor_points(quick, alone)
     assert found.judged > 10
     assert found.noise_gain_rad_m <= 3.2
     assert found.peak_sensitivity <= 2.9

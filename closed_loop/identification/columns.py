@@ -1,0 +1,200 @@
+"""Columns of a table as channels: by their names, if these end in a unit, or by a mapping.
+
+    hand_wheel_rad  wheel_angle_rad  steer_rad  speed_m_s  yaw_rate_rad_s  lateral_acceleration_m_s2
+
+and the same with another unit at the end, as ``speed_km_h``. Words before the unit tell sensors
+apart, as ``yaw_rate_of_second_sensor_rad_s``. Every table has a column ``time_s``, ``time_ms``, ...
+
+A mapping is TOML with a table for each column that is read:
+
+    [columns.hand_wheel_rad]
+    column = "SAS_ANGLE"     # as the file names it
+    unit = "deg"
+    factor = -1.0            # of the value, 1 if left out: for the sign
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from pydantic import Field
+
+from ...runtime.array_types import FloatArray
+from ...runtime.settings import Settings, SettingsError, load_settings
+from ...runtime.settings.number_table import column_names, convert_cells, read_number_table
+from .time_series import Channel, Quantity, continuous
+
+_ANGLE = {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3}
+_RATE = {"rad_s": 1.0, "deg_s": math.pi / 180.0}
+_UNITS: Mapping[Quantity | None, Mapping[str, float]] = MappingProxyType(
+    {
+        None: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+        Quantity.HAND_WHEEL: _ANGLE,
+        Quantity.WHEEL: _ANGLE,
+        Quantity.COMMAND: _ANGLE,
+        Quantity.SPEED: {"m_s": 1.0, "km_h": 1.0 / 3.6, "mph": 0.44704},
+        Quantity.YAW_RATE: _RATE,
+        Quantity.LATERAL_ACCELERATION: {"m_s2": 1.0, "g": 9.80665},
+    }
+)
+"""Units of each quantity, and of time, with what makes them SI."""
+_BASES: Mapping[str, Quantity | None] = MappingProxyType(
+    {
+        "time": None,
+        "hand_wheel": Quantity.HAND_WHEEL,
+        "wheel_angle": Quantity.WHEEL,
+        "steer": Quantity.COMMAND,
+        "speed": Quantity.SPEED,
+        "yaw_rate": Quantity.YAW_RATE,
+        "lateral_acceleration": Quantity.LATERAL_ACCELERATION,
+    }
+)
+_GUESSES = (
+    ("time_s", r"^(time|t|timestamp|stamp|elapsed)\b|time"),
+    ("lateral_acceleration_m_s2", r"lat\w*[_ ]?acc|acc\w*[_ ]?(lat|y)|^a_?y|\bay\b"),
+    ("yaw_rate_rad_s", r"yaw|gyro\w*z|omega_?z|psi_?dot"),
+    ("hand_wheel_rad", r"hand_?wheel|steer|swa|sas|lenk"),
+    ("speed_m_s", r"speed|veh\w*v|\bv_?x\b|velocity|kmh|km/h|mph"),
+)
+"""A column's role by its name, the first that fits."""
+_ROWS_MAX = 1_000_000
+
+
+class ColumnSettings(Settings):
+    """One `[columns.NAME]`."""
+
+    column: str
+    unit: str
+    factor: float = Field(1.0, ge=-1e6, le=1e6)
+
+
+class ColumnsSettings(Settings):
+    """A mapping: NAME is as a column's name is without one."""
+
+    columns: dict[str, ColumnSettings] = Field(min_length=1, max_length=50)
+
+
+def read_columns(file: Path, mapping: Path | None = None) -> list[Channel]:
+    """Return the channels of a table; raises SettingsError."""
+    names = column_names(file)
+    wanted = _mapped(mapping, names, file) if mapping else _by_name(names)
+    if not any(quantity is None for quantity, _ in wanted.values()):
+        raise SettingsError(
+            f"{file}: has no column time_s; it has {', '.join(names[:12])}:"
+            f" steer-by-wire identify new {file} proposes a mapping"
+        )
+    layout, rows = read_number_table(file, (tuple(wanted),))
+    if len(rows) > _ROWS_MAX:
+        raise SettingsError(f"{file}: has over {_ROWS_MAX} rows: cut it")
+    numbers = np.array([*convert_cells(file, rows, _number, "numbers")])
+    columns = {name: numbers[:, at] * wanted[name][1] for at, name in enumerate(layout)}
+    clock = next(name for name, (quantity, _) in wanted.items() if quantity is None)
+    timed = np.isfinite(columns[clock])
+    if timed.sum() < 2:
+        raise SettingsError(f"{file}: {clock} has no times")
+    time_s, _ = continuous(columns[clock][timed])
+    return [
+        _held_once(Channel(name, quantity, time_s, columns[name][timed]))
+        for name, (quantity, _) in wanted.items()
+        if quantity is not None
+    ]
+
+
+def _number(text: str) -> float:
+    return float(text) if text else math.nan
+
+
+def _held_once(channel: Channel) -> Channel:
+    """Return a channel without the blanks of a table in which sensors have rows of their own."""
+    known = np.isfinite(channel.values)
+    return channel._replace(time_s=channel.time_s[known], values=channel.values[known])
+
+
+def _role(name: str) -> tuple[Quantity | None, float] | None:
+    """Return quantity and factor of a name that ends in a unit; None for any other."""
+    for base, quantity in _BASES.items():
+        if name == base or name.startswith(f"{base}_"):
+            for unit in sorted(_UNITS[quantity], key=len, reverse=True):
+                if name.endswith(f"_{unit}"):
+                    return quantity, _UNITS[quantity][unit]
+    return None
+
+
+def _by_name(names: Sequence[str]) -> dict[str, tuple[Quantity | None, float]]:
+    roles = {name: _role(name) for name in names}
+    return {name: role for name, role in roles.items() if role is not None}
+
+
+def _mapped(
+    mapping: Path, names: Sequence[str], file: Path
+) -> dict[str, tuple[Quantity | None, float]]:
+    settings = load_settings(ColumnsSettings, file=mapping)
+    wanted = {}
+    for name, one in settings.columns.items():
+        role = _role(name)
+        if role is None:
+            raise SettingsError(f"{mapping}: columns.{name}: allowed are {', '.join(_allowed())}")
+        units, unit = _UNITS[role[0]], one.unit.replace("/", "_").replace("²", "2")
+        if unit not in units:
+            raise SettingsError(
+                f"{mapping}: columns.{name}.unit = {one.unit!r}: allowed is {', '.join(units)}"
+            )
+        if one.column.lower() not in names:
+            raise SettingsError(f"{mapping}: columns.{name}.column: {file} has no {one.column!r}")
+        wanted[one.column.lower()] = role[0], units[unit] * one.factor
+    return wanted
+
+
+def _allowed() -> list[str]:
+    return ["time_s", *Quantity]
+
+
+def proposed_mapping(file: Path) -> str:
+    """Return a mapping of a table as TOML, each guess with a comment; raises SettingsError."""
+    lines = [f"# Columns of {file.name}: check each, its unit and its sign (left is positive)."]
+    taken = set[str]()
+    for column in column_names(file):
+        role = next((role for role, words in _GUESSES if re.search(words, column)), None)
+        if role is None or role in taken:
+            lines.append(f"# not read: {column!r}")
+            continue
+        taken.add(role)
+        lines += ["", f"[columns.{role}]", f"column = {column!r}", _unit_line(role, column)]
+    missing = [role for role, _ in _GUESSES if role not in taken]
+    lines += ["", *(f"# none found for {role}" for role in missing)]
+    return "\n".join(lines).replace("'", '"') + "\n"
+
+
+def _unit_line(role: str, column: str) -> str:
+    units = _UNITS[(_role(role) or (None, 1.0))[0]]
+    plain = column.replace("/", "_").replace("kmh", "km_h")
+    found = next((unit for unit in sorted(units, key=len, reverse=True) if unit in plain), None)
+    unit = found or next(iter(units))
+    return f'unit = "{unit}"  # {"by its name" if found else "a guess"}: {", ".join(units)}'
+
+
+def joined(parts: Sequence[Sequence[Channel]]) -> list[Channel]:
+    """Return the channels of several files, one after the other in time."""
+    channels: dict[str, Channel] = {}
+    end_s = 0.0
+    for part in parts:
+        first_s = min(float(one.time_s[0]) for one in part if len(one.time_s))
+        shift_s = end_s - first_s
+        for one in part:
+            moved = one._replace(time_s=one.time_s + shift_s)
+            before = channels.get(one.name)
+            channels[one.name] = moved if before is None else _appended(before, moved)
+        end_s = max(float(one.time_s[-1]) for one in channels.values()) + 10.0
+    return [*channels.values()]
+
+
+def _appended(before: Channel, after: Channel) -> Channel:
+    def both(one: FloatArray, other: FloatArray) -> FloatArray:
+        return np.concatenate((one, other))
+
+    return before._replace(
+        time_s=both(before.time_s, after.time_s), values=both(before.values, after.values)
+    )

@@ -1,0 +1,251 @@
+"""Figures of a car from a fit: value, 95 % interval, and whether the log identifies it.
+
+    identified                   the interval is narrower than what ``_ENOUGH`` asks
+    only in combination with ..  it would be, if one other parameter were known
+    not identifiable             neither: the log has to show more, and ``_ADVICE`` says what
+
+Stiffness and inertia are per kilogram. Lengths scale with the wheelbase where that is assumed.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
+from math import inf, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...runtime.array_types import FloatArray
+from .fit import Fit
+from .parameters import Problem
+from .profiles import profile
+from .response import Grid, Samples
+
+_G_M_S2 = 9.80665
+
+
+class Verdict(StrEnum):
+    """What a log knows of a figure."""
+
+    IDENTIFIED = "identified"
+    COMBINATION = "only in combination"
+    NOT_IDENTIFIABLE = "not identifiable"
+
+
+class Figure(NamedTuple):
+    """A figure and its interval; an end is infinite where the log does not know it.
+
+    ``note``  with what in combination, or what to drive
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    verdict: Verdict
+    note: str = ""
+
+
+_SWEEP = "drive a sweep, 20 s at 60 km/h, the wheel from 0.2 to 3 Hz"
+_LIMIT = "drive a slalom or a bend near the limit of grip, above 6 m/s2"
+_ADVICE: Mapping[str, str] = {
+    "friction": _LIMIT,
+    "relaxation_m": f"{_SWEEP}, and the same at 25 km/h",
+    "lag_s": "drive steps of the wheel, or a sweep up to 5 Hz",
+    "dead_time_s": "drive steps of the wheel, or a sweep up to 5 Hz",
+    "understeer_gradient_rad_s2_m": "drive steady bends at two speeds, 40 and 80 km/h",
+    "steering_offset_rad": "drive straight on for 20 s, there and back",
+}
+_ENOUGH: Mapping[str, float] = {
+    "rad": 0.02, "rad s2/m": 1e-3, "s": 0.01, "rad/s": 0.02, "m/s2": 0.3, "lag_s": 0.004,
+    "dead_time_s": 0.004,
+}  # fmt: skip
+"""Half of an interval that identifies, by name or unit; for all others a quarter of the value."""
+_SHARE = 0.25
+_POSITIVE = ("1", "m", "m2", "N/(rad kg)")
+"""Units of what is positive: its logarithm is nearer to a normal distribution."""
+_WORDS = {
+    "lag_squared_s2": "lag_s",
+    "front_c": "front_stiffness_per_mass_n_rad_kg",
+    "rear_c": "rear_stiffness_per_mass_n_rad_kg",
+    "inertia": "yaw_inertia_per_mass_m2",
+    "front_share": "front_axle_distance_m",
+}
+"""Names of parameters for the user."""
+
+
+class _Quantity(NamedTuple):
+    """A figure as a function of the parameters, and the one whose profile bounds it."""
+
+    name: str
+    unit: str
+    function: Callable[[Mapping[str, float]], float]
+    source: str = ""
+
+
+def _quantities(problem: Problem) -> list[_Quantity]:
+    known, names = problem.known, {one.name for one in problem.coordinates}
+
+    def arm(v: Mapping[str, float], of_front: bool) -> float:
+        share = v["front_share"]
+        return v["wheelbase_m"] * (share if of_front else 1.0 - share)
+
+    def inertia(v: Mapping[str, float]) -> float:
+        return v["inertia"] * arm(v, True) * arm(v, False)
+
+    found = [
+        _Quantity(
+            "understeer_gradient_rad_s2_m", "rad s2/m",
+            lambda v: (1.0 / v["front_c"] - 1.0 / v["rear_c"]) / _G_M_S2,
+        ),
+        _Quantity(
+            "front_stiffness_per_mass_n_rad_kg", "N/(rad kg)",
+            lambda v: v["front_c"] * _G_M_S2 * (1.0 - v["front_share"]), "front_c",
+        ),
+        _Quantity(
+            "rear_stiffness_per_mass_n_rad_kg", "N/(rad kg)",
+            lambda v: v["rear_c"] * _G_M_S2 * v["front_share"], "rear_c",
+        ),
+        _Quantity("yaw_inertia_per_mass_m2", "m2", inertia, "inertia"),
+        _Quantity("friction", "1", lambda v: v["friction"], "friction"),
+        _Quantity("relaxation_m", "m", lambda v: v["relaxation_m"], "relaxation_m"),
+        _Quantity("delay_and_lag_s", "s", lambda v: v["delay_and_lag_s"], "delay_and_lag_s"),
+        _Quantity("lag_s", "s", lambda v: sqrt(v["lag_squared_s2"]), "lag_squared_s2"),
+        _Quantity(
+            "dead_time_s", "s", lambda v: v["delay_and_lag_s"] - sqrt(v["lag_squared_s2"])
+        ),
+        _Quantity("steering_ratio", "1", lambda v: v["steering_ratio"], "steering_ratio"),
+        _Quantity("wheelbase_m", "m", lambda v: v["wheelbase_m"], "wheelbase_m"),
+        _Quantity("steering_offset_rad", "rad", lambda v: v["steering_offset_rad"]),
+        _Quantity("yaw_rate_offset_rad_s", "rad/s", lambda v: v["yaw_rate_offset_rad_s"]),
+    ]  # fmt: skip
+    for name in problem.sensors[1:]:
+        offset_unit = "m/s2" if name.startswith("lateral") else "rad/s"
+        for kind, unit in (("delay_s", "s"), ("gain", "1"), ("offset", offset_unit)):
+            key = f"{name}:{kind}"
+            found.append(_Quantity(key, unit, lambda v, key=key: v[key]))  # type: ignore[misc]
+    if {"steering_ratio", "wheelbase_m"} <= names:
+        found.append(
+            _Quantity(
+                "steering_ratio_times_wheelbase_m", "m",
+                lambda v: v["steering_ratio"] * v["wheelbase_m"],
+            )
+        )  # fmt: skip
+    fixed = problem.held.keys() - {"front_share"}
+    if known.yaw_inertia_kg_m2 is not None:
+        fixed = fixed | {"yaw_inertia_per_mass_m2"}
+    return [one for one in found if one.name not in fixed]
+
+
+def figures_of(
+    found: Fit, grid: Grid, samples: Sequence[Samples], *, with_profiles: bool = True
+) -> list[Figure]:
+    """Return all figures of a fit."""
+    figures = []
+    bounds = _Bounds(found, grid, samples, with_profiles)
+    for quantity in _quantities(found.problem):
+        value = quantity.function(found.values)
+        slope = _slope(found, quantity)
+        half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
+        low, high = (value - half, value + half)
+        if quantity.unit in _POSITIVE:
+            grown = np.exp(min(half / value, 9.0))
+            low, high = value / grown, value * grown
+        low, high = bounds.of(quantity, low, high)
+        enough = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
+        enough = _ENOUGH.get(quantity.name, enough)
+        note, verdict = "", Verdict.IDENTIFIED
+        assumed = {one.name for one in found.problem.assumed}
+        pair = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
+        is_product = "wheelbase_m" in assumed and quantity.name in pair
+        if is_product or not high - low <= 2.0 * enough:
+            partner = (
+                pair[quantity.name] if is_product else _partner(found, quantity, slope, enough)
+            )
+            verdict = Verdict.COMBINATION if partner else Verdict.NOT_IDENTIFIABLE
+            note = f"with {partner}" if partner else _ADVICE.get(quantity.name, _SWEEP)
+        figures.append(
+            Figure(quantity.name, quantity.unit, value, float(low), float(high), verdict, note)
+        )
+    return figures
+
+
+def figure_values(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
+    """Return the figures of parameters by name."""
+    return {one.name: one.function(values) for one in _quantities(problem)}
+
+
+class _Bounds(NamedTuple):
+    found: Fit
+    grid: Grid
+    samples: Sequence[Samples]
+    with_profiles: bool
+
+    def of(self, quantity: _Quantity, low: float, high: float) -> tuple[float, float]:
+        """Return the ends by the profile, where the covariance alone would not do."""
+        sought = {one.name: one for one in self.found.problem.parameters}
+        if quantity.name == "dead_time_s":
+            return self._of_dead_time(low, high)
+        parameter = sought.get(quantity.source)
+        if parameter is None or not self.with_profiles:
+            return low, high
+        at = self.found.problem.place(quantity.source)
+        half = self.found.critical * sqrt(float(self.found.covariance[at, at]))
+        x = self.found.x[at]
+        is_near = x - half <= parameter.low or x + half >= parameter.high
+        is_wide = half > (_SHARE if parameter.is_log else 0.01)
+        if not (is_near or is_wide):
+            return low, high
+        bounds = profile(self.found, self.grid, self.samples, quantity.source)
+        values = self.found.values
+        ends = []
+        for end, none in ((bounds.low, -inf), (bounds.high, inf)):
+            if abs(end) == inf:
+                ends.append(0.0 if none < 0.0 and quantity.source == "lag_squared_s2" else none)
+            else:
+                moved = {**values, quantity.source: parameter.value(end)}
+                ends.append(quantity.function(moved))
+        return min(ends), max(ends)
+
+    def _of_dead_time(self, low: float, high: float) -> tuple[float, float]:
+        """Return the ends for any lag that the log allows, with the same sum."""
+        at = self.found.problem.place("lag_squared_s2")
+        half = self.found.critical * sqrt(float(self.found.covariance[at, at]))
+        longest_s = sqrt(max(self.found.x[at] + half, 0.0))
+        shortest_s = sqrt(max(self.found.x[at] - half, 0.0))
+        place = self.found.problem.place("delay_and_lag_s")
+        spread_s = self.found.critical * sqrt(float(self.found.covariance[place, place]))
+        total_s = self.found.values["delay_and_lag_s"]
+        del low, high  # a lag near 0 has no slope
+        return total_s - longest_s - spread_s, total_s - shortest_s + spread_s
+
+
+def _slope(found: Fit, quantity: _Quantity) -> FloatArray:
+    """Return the derivatives of a quantity by the coordinates, shape (p,)."""
+    slope = np.zeros(len(found.x))
+    for at, parameter in enumerate(found.problem.coordinates):
+        step = 1e-4 * parameter.scale
+        ends: list[Any] = []
+        for sign in (1.0, -1.0):
+            x = found.x.copy()
+            x[at] = min(max(x[at] + sign * step, parameter.low), parameter.high)
+            ends.append((quantity.function(found.problem.values(x)), x[at]))
+        (above, x_above), (below, x_below) = ends
+        slope[at] = (above - below) / (x_above - x_below)
+    return slope
+
+
+def _partner(found: Fit, quantity: _Quantity, slope: FloatArray, enough: float) -> str:
+    """Return the parameter that, once known, would make a quantity narrow enough; or nothing."""
+    covariance = found.covariance
+    of_quantity = covariance @ slope
+    variance = float(slope @ of_quantity)
+    best, name = enough, ""
+    for at, parameter in enumerate(found.problem.coordinates):
+        if parameter.name == quantity.source or (np.count_nonzero(slope) == 1 and slope[at]):
+            continue  # itself
+        left = variance - float(of_quantity[at]) ** 2 / max(float(covariance[at, at]), 1e-300)
+        half = found.critical * sqrt(max(left, 0.0))
+        if half < best:
+            best, name = half, _WORDS.get(parameter.name, parameter.name)
+    return name

@@ -1,0 +1,304 @@
+"""The fit: a car's parameters from a drive, by maximum likelihood of its open-loop response.
+
+    e = (measured − seen(θ))/s        s standard deviation of each sensor's errors, by iteration
+    θ = arg min Σ e² + Σ ((θ − θ₀)/s₀)²                       priors, where ``parameters`` has them
+    A = JᵀJ + P,  P = diag(1/s₀²)                             Fisher information
+    cov θ = A⁻¹ (B + P) A⁻¹,  B = Σ_l w_l Γ_l                 of the scores Jᵀe
+
+Errors of a model are no white noise: a wrong car is wrong for seconds. So B sums the scores'
+correlations Γ over lags up to l = L by Bartlett's weights (Newey, West, Econometrica 55, 1987),
+with the L of Andrews (Econometrica 59, 1991) and the critical values for L over the number of
+samples of Kiefer, Vogelsang (Econometric Theory 21, 2005). For white errors that is the usual
+covariance.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ...runtime.array_types import FloatArray
+from .parameters import Problem
+from .response import Grid, Response, Samples, residuals_percent, respond, seen
+
+Progress = Callable[[int, float], None]
+"""Takes the number of an evaluation of the sensitivities, and the cost per sample."""
+EVALUATIONS_MAX = 25
+_ROUNDS = 4
+"""With new deviations of the errors; the first ones end early."""
+_SPREAD_CHANGE = 0.02
+WHITE_BELOW = 1.5
+"""Of ``samples_alike``; chosen: of 1,000 white errors in 1,000 logs one has more."""
+_MANOEUVRES = 12
+"""In a drive, for the correlation of the errors; chosen."""
+_DIFFERENCE = 1e-3
+"""Of a parameter's scale, for the sensitivities."""
+
+
+class Fit(NamedTuple):
+    """What was found.
+
+    ``x``           coordinates of the parameters sought, then of those assumed, shape (p,)
+    ``covariance``  of them, shape (p, p); half the width of an interval is ``critical`` deviations
+    ``plain``       the covariance if the errors were white
+    ``errors``      measured less seen, of each sensor in its unit
+    ``deviations``  of each sensor's errors
+    ``cost``        Σ e², with the priors
+    """
+
+    problem: Problem
+    x: FloatArray
+    covariance: FloatArray
+    plain: FloatArray
+    critical: float
+    errors: tuple[FloatArray, ...]
+    deviations: FloatArray
+    cost: float
+    is_whole: bool
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All parameters by name."""
+        return self.problem.values(self.x)
+
+
+class Judge:
+    """Errors of a problem and their sensitivities, on both processors."""
+
+    def __init__(
+        self, problem: Problem, grid: Grid, samples: Sequence[Samples], progress: Progress
+    ) -> None:
+        self.problem, self.grid, self.samples, self._progress = problem, grid, samples, progress
+        self.deviations = np.array([0.2 * max(float(np.std(s.values)), 1e-6) for s in samples])
+        self.best: tuple[float, FloatArray] = (np.inf, problem.start)
+        self.evaluations = 0
+        self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 8))
+        self.prior = np.array([1.0 / one.deviation for one in problem.parameters])
+        self.tempering = 1.0
+
+    def response(self, x: FloatArray) -> Response:
+        """Return the car's response."""
+        return respond(self.grid, self.problem.values(x), self.problem)
+
+    def errors(self, x: FloatArray, response: Response) -> list[FloatArray]:
+        """Return measured less seen, of each sensor."""
+        values = self.problem.values(x)
+        return [one.values - seen(one, response, values) for one in self.samples]
+
+    def residuals(self, x: FloatArray) -> FloatArray:
+        """Return all errors over their deviations, and those of the priors."""
+        found = self._weighted(x, self.response(x))
+        cost = float(found @ found)
+        if cost < self.best[0]:
+            self.best = cost, x.copy()
+        return found
+
+    def sensitivities(self, x: FloatArray) -> FloatArray:
+        """Return the derivatives of the residuals by differences, shape (residuals, p)."""
+        self.evaluations += 1
+        self._progress(self.evaluations, self.best[0] / max(1, len(self.samples[0].values)))
+        base = self.response(x)
+        here = self._weighted(x, base)
+        columns = self._pool.map(lambda at: self._column(x, base, here, at), range(len(x)))
+        return np.column_stack(list(columns))
+
+    def norm(self, x: FloatArray) -> FloatArray:
+        """Return the residuals turned so that only the first of p + 1 is not 0."""
+        turned = np.zeros(len(x) + 1)
+        turned[0] = np.linalg.norm(self.residuals(x))
+        return turned
+
+    def condensed(self, x: FloatArray) -> FloatArray:
+        """Return the sensitivities turned likewise, shape (p + 1, p).
+
+        A search knows the residuals r and J only by |r|, Jᵀr and JᵀJ; these are the same, and a
+        decomposition of 10⁴ rows is saved in each of its steps.
+        """
+        residuals, jacobian = self._weighted(x, self.response(x)), self.sensitivities(x)
+        first = jacobian.T @ residuals / np.linalg.norm(residuals)
+        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-150)
+        rest = (jacobian.T @ jacobian - np.outer(first, first)) / np.outer(scale, scale)
+        squares, axes = np.linalg.eigh(rest)
+        return np.vstack((first, np.sqrt(np.maximum(squares, 0.0))[:, None] * axes.T * scale))
+
+    def _weighted(self, x: FloatArray, response: Response) -> FloatArray:
+        sought = len(self.prior)
+        parts = [e / s for e, s in zip(self.errors(x, response), self.deviations, strict=True)]
+        return np.concatenate(
+            [*parts, (x[:sought] - self.problem.start) * self.prior * self.tempering]
+        )
+
+    def _column(self, x: FloatArray, base: Response, here: FloatArray, at: int) -> FloatArray:
+        parameter = self.problem.coordinates[at]
+        step = _DIFFERENCE * parameter.scale
+        step = -step if x[at] + step > parameter.high else step
+        moved = x.copy()
+        moved[at] += step
+        of_sensor = ":" in parameter.name or parameter.name == "yaw_rate_offset_rad_s"
+        there = self._weighted(moved, base if of_sensor else self.response(moved))
+        slope: FloatArray = (there - here) / step
+        return slope
+
+    def close(self) -> None:
+        """End the threads."""
+        self._pool.shutdown()
+
+
+def _search(judge: Judge, x: FloatArray, tolerance: float) -> FloatArray:
+    parameters = judge.problem.parameters
+    low = np.array([one.low for one in parameters])
+    high = np.array([one.high for one in parameters])
+    margin = 1e-9 * (high - low)
+    found = least_squares(
+        judge.norm,
+        np.clip(x, low + margin, high - margin),
+        jac=judge.condensed,
+        bounds=(low, high),
+        x_scale=[one.scale for one in parameters],
+        max_nfev=EVALUATIONS_MAX,
+        ftol=tolerance,
+        xtol=1e-6,
+    )
+    result: FloatArray = found.x
+    return result
+
+
+def fit(
+    problem: Problem,
+    grid: Grid,
+    samples: Sequence[Samples],
+    progress: Progress = lambda _evaluation, _cost: None,
+    start: FloatArray | None = None,
+    deviations: FloatArray | None = None,
+    tolerance: float = 1e-5,
+) -> Fit:
+    """Return the most likely parameters; Ctrl-C ends the search with the best so far.
+
+    ``deviations``  of the errors, if they are not sought too
+    ``tolerance``   relative change of the cost that ends the search
+    """
+    judge = Judge(problem, grid, samples, progress)
+    x = problem.start if start is None else start
+    is_whole = True
+    try:
+        if deviations is not None:
+            judge.deviations = deviations
+            x = _search(judge, x, tolerance)
+        for number in range(_ROUNDS if deviations is None else 0):
+            x = _search(judge, x, max(tolerance, 1e-3 * 0.1**number))
+            spreads = _deviations(judge.errors(x, judge.response(x)))
+            change = float(np.abs(spreads / judge.deviations - 1.0).max())
+            judge.deviations, judge.best = spreads, (np.inf, x)
+            judge.tempering = np.sqrt(
+                max(samples_alike(e) for e in judge.errors(x, judge.response(x)))
+            )
+            if change < _SPREAD_CHANGE and number > 1:
+                break
+    except KeyboardInterrupt:
+        x, is_whole = judge.best[1], False
+    try:
+        return _described(judge, x, is_whole)
+    finally:
+        judge.close()
+
+
+def _deviations(errors: Sequence[FloatArray]) -> FloatArray:
+    return np.array([max(float(np.sqrt(np.mean(e**2))), 1e-9) for e in errors])
+
+
+def _described(judge: Judge, x: FloatArray, is_whole: bool) -> Fit:
+    problem, sought = judge.problem, len(x)
+    errors = judge.errors(x, judge.response(x))
+    residuals = judge.residuals(x)
+    rows = sum(map(len, errors))
+    x = np.append(x, [one.start for one in problem.assumed])
+    jacobian = judge.sensitivities(x)[:rows]
+    free, assumed = jacobian[:, :sought], jacobian[:, sought:]
+    prior = np.diag((judge.tempering * judge.prior) ** 2)
+    information = free.T @ free + prior
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-30))
+    inverse = np.linalg.pinv(information * np.outer(scale, scale), 1e-12) * np.outer(scale, scale)
+    scores = _scores(judge.samples, free * residuals[:rows, None])
+    lags = _lags(errors, len(scores))
+    robust = inverse @ (_long_run(scores, lags) + judge.tempering**2 * prior) @ inverse
+    # A model's error is no stationary noise: coloured errors are taken to last as long as a
+    # manoeuvre, too. Never less than white errors would give: that would be chance.
+    lasting = len(scores) // _MANOEUVRES if lags else 0
+    longer = inverse @ (_long_run(scores, lasting) + judge.tempering**2 * prior) @ inverse
+    wanted = np.maximum(np.diagonal(inverse), np.diagonal(longer))
+    floor = np.sqrt(np.maximum(1.0, wanted / np.maximum(np.diagonal(robust), 1e-300)))
+    robust *= np.outer(floor, floor)
+    # What is assumed moves what is sought.
+    shift = np.vstack((-inverse @ free.T @ assumed, np.eye(len(problem.assumed))))
+    spread = np.diag([one.deviation**2 for one in problem.assumed])
+    covariance = shift @ spread @ shift.T
+    plain = covariance.copy()
+    covariance[:sought, :sought] += robust
+    plain[:sought, :sought] += inverse
+    share = max(lags, lasting) / len(scores)
+    critical = 1.96 + share * (2.9694 + share * (0.4160 - 0.5324 * share))
+    cost = float(residuals @ residuals)
+    deviations = judge.deviations
+    return Fit(problem, x, covariance, plain, critical, tuple(errors), deviations, cost, is_whole)
+
+
+def _scores(samples: Sequence[Samples], products: FloatArray) -> FloatArray:
+    """Return the scores summed over all sensors in each period, shape (periods, p)."""
+    time_s = np.concatenate([one.time_s for one in samples])
+    period_s = max(one.channel.period_s for one in samples)
+    _, at = np.unique(np.floor(time_s / period_s).astype(np.int64), return_inverse=True)
+    summed = np.zeros((int(at.max()) + 1, products.shape[1]))
+    np.add.at(summed, at, products)
+    return summed
+
+
+def _lags(errors: Sequence[FloatArray], periods: int) -> int:
+    """Return Andrews' L for the most correlated errors, taken as AR(1)."""
+    alike = max(samples_alike(e) for e in errors)
+    if alike < WHITE_BELOW:
+        return 0
+    kept = min((alike - 1.0) / (alike + 1.0), 0.995)
+    alpha = 4.0 * kept**2 / ((1.0 - kept) ** 2 * (1.0 + kept) ** 2)
+    return int(min(1.1447 * (alpha * periods) ** (1.0 / 3.0), periods / 6))
+
+
+def samples_alike(errors: FloatArray) -> float:
+    """Return how many errors in a row tell as much as one: by the sums of short stretches.
+
+    About 1 for white errors; noise on top of a model's error does not hide it, as it would in the
+    correlation of neighbours.
+    """
+    off, found = errors - errors.mean(), 1.0
+    for length in (3, 10, 25):
+        count = len(off) // length
+        if count > 10:
+            sums = off[: count * length].reshape(count, length).sum(axis=1)
+            found = max(found, float(sums @ sums / count / length / max(off.var(), 1e-300)))
+    return found
+
+
+def _long_run(scores: FloatArray, lags: int) -> FloatArray:
+    summed: FloatArray = scores.T @ scores
+    for lag in range(1, lags + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        summed += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    return summed
+
+
+def yaw_rate_residual_percent(found: Fit, samples: Sequence[Samples]) -> float:
+    """Return 100 rms(measured − seen)/std(measured) of the first yaw rate."""
+    return residuals_percent(samples[0], found.errors[0])
+
+
+def refit(judged: Any, held: dict[str, float], found: Fit, tolerance: float = 1e-5) -> Fit:
+    """Return the fit with some parameters held, with the same deviations of the errors."""
+    grid, samples = judged
+    problem = found.problem.holding(held)
+    keep = [at for at, one in enumerate(found.problem.parameters) if one.name not in held]
+    return fit(
+        problem, grid, samples, start=found.x[keep], deviations=found.deviations,
+        tolerance=tolerance,
+    )  # fmt: skip

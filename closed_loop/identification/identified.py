@@ -1,0 +1,250 @@
+"""Identification of a drive: fit, doubts about it, figures; and the prediction of another drive.
+
+A lateral acceleration that the fit of the yaw rates alone contradicts is left out: roll and the
+place of its sensor are in no model here. A model whose errors are large and coloured is refused.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...runtime.array_types import FloatArray
+from ...runtime.settings import SettingsError
+from .figures import Figure, figures_of
+from .fit import WHITE_BELOW, Fit, Progress, fit, refit, samples_alike, yaw_rate_residual_percent
+from .parameters import FRICTION_MAX, Known, problem_of
+from .response import Grid, Samples, grid_of, residuals_percent, samples_of
+from .time_series import Drive, Quantity
+from .vehicle_file import IdentifiedVehicle, prediction_problem
+
+RESIDUAL_PERCENT_MAX = 15.0
+_WORSE = 1.01
+"""Factor on a yaw rate's error at which a lateral acceleration contradicts it; chosen."""
+_SIDE_LATE_S = 0.12
+_SHIFT_S = 0.008
+"""A delay of a new log that differs by less is left as it is."""
+_BETTER = 0.9
+
+
+class Doubt(NamedTuple):
+    """A test of the errors, or of a simpler model."""
+
+    what: str
+    result: str
+    is_passed: bool
+
+
+class Identification(NamedTuple):
+    """What a drive tells of a car."""
+
+    drive: Drive
+    grid: Grid
+    samples: Sequence[Samples]
+    found: Fit
+    figures: Sequence[Figure]
+    residual_percent: float
+    doubts: Sequence[Doubt]
+    notes: Sequence[str]
+
+    @property
+    def speed_m_s(self) -> float:
+        """The mean speed."""
+        return float(np.mean(self.grid.speed_m_s))
+
+
+def _silent(_evaluation: int, _cost: float) -> None:
+    """Report nothing."""
+
+
+def identify(
+    drive: Drive, known: Known, progress: Progress = _silent, *, with_profiles: bool = True
+) -> Identification:
+    """Return what a drive tells; raises SettingsError where no car of this model explains it."""
+    notes = list(drive.notes)
+    grid = grid_of(drive)
+    _refuse_wrong_sign(drive)
+    samples, problem = samples_of(drive, grid), problem_of(drive, known)
+    found, found_all = fit(problem, grid, samples, progress), None
+    rates = _of_rates(drive)
+    if _is_coloured(found) and problem.assumed:
+        # Where the log knows better than the assumption, the errors become white.
+        sought = fit(problem.seeking(), grid, samples, progress, found.x)
+        found = found if _is_coloured(sought) else sought
+    if _is_coloured(found) and len(rates.outputs) < len(drive.outputs):
+        its_samples = samples_of(rates, grid)
+        alone = fit(problem_of(rates, known), grid, its_samples, progress)
+        worse = found.deviations[: len(alone.deviations)] / alone.deviations
+        if worse.max() > _WORSE:
+            _refuse_late_side(found)
+            notes.append(
+                f"lateral acceleration left out: with it the yaw rate's residual is"
+                f" {yaw_rate_residual_percent(found, samples):.1f} %, without"
+                f" {yaw_rate_residual_percent(alone, its_samples):.1f} %: roll, or the place of its"
+                " sensor (lateral_acceleration_ahead_m of --known)"
+            )
+            found_all, drive, found, samples = found, rates, alone, its_samples
+    residual = yaw_rate_residual_percent(found, samples)
+    _refuse_misfit(found, samples, grid, residual)
+    figures = figures_of(found, grid, samples, with_profiles=with_profiles)
+    if found_all is not None:
+        figures += [
+            one._replace(note="with the place of its sensor")
+            for one in figures_of(found_all, grid, samples, with_profiles=False)
+            if one.name.startswith(Quantity.LATERAL_ACCELERATION) and one.name.endswith("delay_s")
+        ]
+    doubts = _doubts(found, grid, samples, residual)
+    if not found.is_whole:
+        notes.append("interrupted: the best so far, with intervals as if it were the minimum")
+    return Identification(drive, grid, samples, found, figures, residual, doubts, notes)
+
+
+def _is_coloured(found: Fit) -> bool:
+    return max(map(samples_alike, found.errors)) > WHITE_BELOW
+
+
+def _of_rates(drive: Drive) -> Drive:
+    rates = tuple(one for one in drive.outputs if one.quantity is Quantity.YAW_RATE)
+    return drive._replace(outputs=rates)
+
+
+def _doubts(found: Fit, grid: Grid, samples: Sequence[Samples], residual: float) -> list[Doubt]:
+    """Return the tests: simpler models, whiteness, and correlation with the input."""
+    doubts = []
+    names = {one.name for one in found.problem.parameters}
+    plain = max(1.0, float(np.median(np.diagonal(found.covariance)[: len(names)]
+                                     / np.diagonal(found.plain)[: len(names)])))  # fmt: skip
+    for what, name, value in (
+        ("linear tyres", "friction", FRICTION_MAX),
+        ("no relaxation", "relaxation_m", 0.005),
+        ("neither lag nor dead time", "delay_and_lag_s", 0.0),
+    ):
+        if name not in names:
+            continue
+        held = {name: value} | ({"lag_squared_s2": 0.0} if name == "delay_and_lag_s" else {})
+        simpler = refit((grid, samples), held, found, 1e-3)
+        is_worse = simpler.cost - found.cost > found.critical**2 * plain
+        percent = yaw_rate_residual_percent(simpler, samples)
+        result = f"residual {percent:.2f} % instead of {residual:.2f} %"
+        doubts.append(Doubt(f"{what}{': refused' if is_worse else ': not refused'}", result, True))
+    alike = max(map(samples_alike, found.errors))
+    white = alike < WHITE_BELOW
+    doubts.append(
+        Doubt(
+            "errors are white" if white else "errors are not white: intervals are widened for it",
+            f"{alike:.1f} in a row tell as much as one, white below {WHITE_BELOW:g}",
+            white,
+        )
+    )
+    steering = np.interp(
+        samples[0].place, np.arange(len(grid.steering_rad)), grid.steering_rad
+    )  # fmt: skip
+    largest = _cross_correlation(found.errors[0], steering)
+    bound = min(3.0 * float(np.sqrt(alike / len(found.errors[0]))), 0.5)
+    doubts.append(
+        Doubt(
+            "errors and steering do not correlate"
+            if largest < bound
+            else "errors correlate with the steering: the model lacks something",
+            f"at most {largest:.2f} within 1 s, chance below {bound:.2f}",
+            largest < bound,
+        )
+    )
+    return doubts
+
+
+def _cross_correlation(errors: FloatArray, steering: FloatArray) -> float:
+    e, u = errors - errors.mean(), steering - steering.mean()
+    scale = float(np.sqrt((e @ e) * (u @ u)))
+    lags = range(min(101, len(e) // 2))
+    return max(abs(float(e[lag:] @ u[: len(u) - lag])) / scale for lag in lags)
+
+
+def _turning(drive: Drive) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return time, steering, yaw rate and speed at the times of the first yaw rate."""
+    rate = drive.outputs[0]
+    steer = np.interp(rate.time_s, drive.steering.time_s, drive.steering.values)
+    speed = np.interp(rate.time_s, drive.speed.time_s, drive.speed.values)
+    return rate.time_s, steer, rate.values, speed
+
+
+def _refuse_wrong_sign(drive: Drive) -> None:
+    _, steer, rate, speed = _turning(drive)
+    turning = speed * (steer - steer.mean())
+    rate = rate - rate.mean()
+    correlation = float(turning @ rate) / float(np.sqrt((turning @ turning) * (rate @ rate)))
+    if correlation < -0.2:
+        raise SettingsError(
+            "the yaw rate goes against the wheel: both are positive to the left; give one of them"
+            " factor = -1 in --columns"
+        )
+
+
+def _refuse_late_side(found: Fit) -> None:
+    """Refuse a car that is pushed to its side long after it turns; raises SettingsError.
+
+    The steered axle's force turns the car and pushes it to its side at once, in front. Steered at
+    the rear it is pushed to the other side first, which looks like a delay.
+    """
+    for name, value in found.values.items():
+        is_side = name.startswith(Quantity.LATERAL_ACCELERATION)
+        if is_side and name.endswith(":delay_s") and value > _SIDE_LATE_S:
+            raise SettingsError(
+                f"the lateral acceleration follows the yaw rate {1e3 * value:.0f} ms late, as in no"
+                " car that is steered in front: steered at the rear, a wrong sign of it, or clocks"
+                " that differ"
+            )
+
+
+def _refuse_misfit(found: Fit, samples: Sequence[Samples], grid: Grid, residual: float) -> None:
+    errors = found.errors[0]
+    if residual < RESIDUAL_PERCENT_MAX or samples_alike(errors) < WHITE_BELOW:
+        return
+    speed = np.interp(samples[0].place, np.arange(len(grid.speed_m_s)), grid.speed_m_s)
+    side = np.abs(speed * samples[0].values)
+    hard = side > np.quantile(side, 0.8)
+    at_limit = float(np.mean(errors[hard] ** 2) / np.mean(errors[~hard] ** 2))
+    why = (
+        "its errors lie in hard bends, at the limit of grip: load transfer, or tyres of another"
+        " kind on each axle"
+        if at_limit > 4.0
+        else "its errors lie in all of the drive: a wrong unit or sign of a column, a clock that"
+        " drifts, a steered rear axle or a trailer"
+    )
+    raise SettingsError(
+        f"the model does not fit: residual of yaw rate {residual:.1f} %, allowed"
+        f" {RESIDUAL_PERCENT_MAX:g} %; {why}"
+    )
+
+
+class Prediction(NamedTuple):
+    """The residual of a vehicle in another drive, and what of its sensors was sought there."""
+
+    residual_percent: float
+    found: Fit
+    samples: Sequence[Samples]
+    grid: Grid
+    notes: Sequence[str]
+
+
+def predict(drive: Drive, vehicle: IdentifiedVehicle) -> Prediction:
+    """Return how well a vehicle predicts a drive; only offsets of its sensors are sought.
+
+    The delay of the log is corrected where it clearly differs from that of the vehicle's own log.
+    """
+    notes = list(drive.notes)
+    drive = _of_rates(drive)
+    grid = grid_of(drive)
+    samples = samples_of(drive, grid)
+    problem = problem_of(drive, vehicle.known)
+    found = fit(prediction_problem(problem, vehicle), grid, samples)
+    shifted = fit(prediction_problem(problem, vehicle, "delay_and_lag_s"), grid, samples)
+    shift_s = shifted.values["delay_and_lag_s"] - vehicle.values["delay_and_lag_s"]
+    if abs(shift_s) > _SHIFT_S and shifted.deviations[0] < _BETTER * found.deviations[0]:
+        notes.append(
+            f"{samples[0].channel.name} comes {1e3 * abs(shift_s):.0f} ms"
+            f" {'later' if shift_s > 0.0 else 'earlier'} than in the vehicle's log: corrected"
+        )
+        found = shifted
+    percent = residuals_percent(samples[0], found.errors[0])
+    return Prediction(percent, found, samples, grid, notes)

@@ -1,0 +1,172 @@
+"""The response of a car to a drive: yaw rate and lateral acceleration, open loop and compiled.
+
+Inputs are the measured steering and speed, outputs those of ``car_step`` every STEP_S, the plant's
+own step; so a car that the plant drove is fitted without an error of integration. The speed is
+imposed, and with it the longitudinal forces.
+"""
+
+from collections.abc import Mapping
+from math import exp, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ...plant_emulator.vehicle.car.car_design import car_params
+from ...plant_emulator.vehicle.car.car_step import CarInput, CarState, car_step
+from ...runtime.array_types import FloatArray, IntArray
+from ..compiled.compilation import compiled
+from ..compiled.step_functions import register_steps
+from .parameters import Problem, car_tables
+from .time_series import Channel, Drive, Quantity
+
+STEP_S = 0.001
+SETTLING_S = 1.0
+"""At the start of a segment, not judged: the car's state there is not known."""
+_SMOOTHING_S = 0.5
+"""Of the speed, for the acceleration."""
+
+
+class Grid(NamedTuple):
+    """A drive on steps of STEP_S, its segments one after the other.
+
+    ``starts``  of each segment, and the end of the last, shape (segments + 1,)
+    The others have shape (steps,).
+    """
+
+    starts: IntArray
+    first_yaw_rates_rad_s: FloatArray
+    steering_rad: FloatArray
+    speed_m_s: FloatArray
+    acceleration_m_s2: FloatArray
+
+
+class Samples(NamedTuple):
+    """The judged samples of one output: where on the grid, and within which segment."""
+
+    channel: Channel
+    place: FloatArray
+    first: FloatArray
+    last: FloatArray
+    time_s: FloatArray
+    values: FloatArray
+
+
+def grid_of(drive: Drive) -> Grid:
+    """Return the inputs of a drive on the grid."""
+    rate = drive.outputs[0]
+    parts, starts, rates = [], [0], []
+    half = round(0.5 * _SMOOTHING_S / STEP_S)
+    for start, end in drive.segments:
+        time_s = np.arange(start, end, STEP_S)
+        speed = np.interp(time_s, drive.speed.time_s, drive.speed.values)
+        sums = np.cumsum(np.pad(speed, (half + 1, half), mode="edge"))
+        smooth = (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
+        # Straight lines between samples would be taken for a lag: (ωT)²/12 of the amplitude.
+        near = (drive.steering.time_s > start - 1.0) & (drive.steering.time_s < end + 1.0)
+        curve = CubicSpline(drive.steering.time_s[near], drive.steering.values[near])
+        steering = curve(np.minimum(time_s, drive.steering.time_s[near][-1]))
+        parts.append((steering, speed, np.gradient(smooth, STEP_S)))
+        starts.append(starts[-1] + len(time_s))
+        rates.append(float(np.interp(start, rate.time_s, rate.values)))
+    steering, speed, acceleration = (np.concatenate(one) for one in zip(*parts, strict=True))
+    return Grid(np.array(starts), np.array(rates), steering, speed, acceleration)
+
+
+def samples_of(drive: Drive, grid: Grid) -> list[Samples]:
+    """Return the judged samples of each output."""
+    judged = []
+    for channel in drive.outputs:
+        columns = []
+        for (start, end), first, after in zip(
+            drive.segments, grid.starts[:-1], grid.starts[1:], strict=True
+        ):
+            inside = (channel.time_s >= start + SETTLING_S) & (channel.time_s < end)
+            at, values = channel.time_s[inside], channel.values[inside]
+            ends = np.full((2, len(at)), [[first], [after - 1]], dtype=np.float64)
+            columns.append(np.vstack(((at - start) / STEP_S + first, ends, at, values)))
+        judged.append(Samples(channel, *np.concatenate(columns, axis=1)))
+    return judged
+
+
+class Response(NamedTuple):
+    """Outputs of the car on the grid."""
+
+    yaw_rate_rad_s: FloatArray
+    lateral_acceleration_m_s2: FloatArray
+
+
+def respond(grid: Grid, values: Mapping[str, float], problem: Problem) -> Response:
+    """Return what a car with these parameters does on a drive."""
+    register_steps()
+    known, steps = problem.known, len(grid.speed_m_s)
+    lag_s = sqrt(values["lag_squared_s2"])
+    yaw_rates, accelerations = np.empty(steps), np.empty(steps)
+    steering = (
+        1.0 / values["steering_ratio"],
+        values["steering_offset_rad"] / values["steering_ratio"],
+        lag_s,
+        (values["delay_and_lag_s"] - lag_s) / STEP_S,
+        known.lateral_acceleration_ahead_m,
+    )
+    params = car_params(*car_tables(values, known))
+    _respond(params, steering, STEP_S, *grid, yaw_rates, accelerations)
+    return Response(yaw_rates, accelerations)
+
+
+def seen(samples: Samples, response: Response, values: Mapping[str, float]) -> FloatArray:
+    """Return what a sensor shows of a response, shape of its samples."""
+    name = samples.channel.name
+    of_rate = samples.channel.quantity is Quantity.YAW_RATE
+    series = response.yaw_rate_rad_s if of_rate else response.lateral_acceleration_m_s2
+    delay_s = values.get(f"{name}:delay_s", 0.0)
+    gain = values.get(f"{name}:gain", 1.0)
+    offset = values.get(f"{name}:offset", values["yaw_rate_offset_rad_s"])
+    place = np.clip(samples.place - delay_s / STEP_S, samples.first, samples.last)
+    below = np.minimum(place.astype(np.int64), len(series) - 2)
+    share = place - below
+    shown: FloatArray = gain * ((1.0 - share) * series[below] + share * series[below + 1]) + offset
+    return shown
+
+
+@compiled
+def _respond(
+    p: Any,
+    steering: Any,
+    h_s: float,
+    starts: Any,
+    first_yaw_rates: Any,
+    steer_rad: Any,
+    speed_m_s: Any,
+    acceleration_m_s2: Any,
+    yaw_rates: Any,
+    accelerations: Any,
+) -> None:
+    share, offset_rad, lag_s, dead_steps, ahead_m = steering
+    # Exact for steering that is straight between two steps.
+    kept = exp(-h_s / lag_s) if lag_s > 0.0 else 0.0
+    newer = 1.0 - lag_s / h_s * (1.0 - kept)
+    for segment in range(len(starts) - 1):
+        first, after = starts[segment], starts[segment + 1]
+        r = first_yaw_rates[segment]
+        x = CarState(speed_m_s[first], 0.0, r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        before_rad = wheel_rad = steer_rad[first] * share + offset_rad
+        for step in range(first, after):
+            place = min(max(step - dead_steps, first), after - 1.0)
+            below = min(int(place), after - 2)
+            along = place - below
+            measured = (1.0 - along) * steer_rad[below] + along * steer_rad[below + 1]
+            goal_rad = measured * share + offset_rad
+            wheel_rad = kept * wheel_rad + newer * goal_rad + (1.0 - kept - newer) * before_rad
+            before_rad = goal_rad
+            inputs = CarInput(wheel_rad, acceleration_m_s2[step], 0.0, 0.0, 1.0, 0.0)
+            _, v, r, front, rear, a_x, a_y, force, use, _, _, _ = car_step(p, x, inputs, h_s)
+            yaw_rates[step] = x.yaw_rate_rad_s
+            accelerations[step] = a_y + ahead_m * (r - x.yaw_rate_rad_s) / h_s
+            driven = speed_m_s[min(step + 1, after - 1)]
+            x = CarState(driven, v, r, front, rear, a_x, a_y, force, use, 0.0, 0.0, 0.0)
+
+
+def residuals_percent(samples: Samples, errors: FloatArray) -> float:
+    """Return 100 rms(error)/std(measured)."""
+    return float(100.0 * np.sqrt(np.mean(errors**2)) / np.std(samples.values))

@@ -1,0 +1,193 @@
+"""Time series of a drive: channels with times of their own, cleaned and cut into segments.
+
+A channel is what one sensor measured. Channels need not share their times. A value more than
+``SPIKE_DEVIATIONS`` away from the median of its neighbours is a spike and is left out; where time
+runs backwards or stands still for long, a segment ends.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from ...runtime.array_types import FloatArray
+from ...runtime.settings import SettingsError
+
+SPIKE_DEVIATIONS = 12.0
+"""Of a channel's own deviations from running medians, by their median; chosen: none in a step."""
+_WINDOW = 5
+GAP_S_MIN = 0.3
+GAP_PERIODS = 5.0
+"""A silence as long as both ends a segment; chosen."""
+SEGMENT_S_MIN = 2.0
+SPEED_M_S_MIN = 1.0
+"""Slower driving is left out: it tells nothing of tyres."""
+SAMPLES_MAX = 2_000_000
+DURATION_S_MAX = 7200.0
+
+
+class Quantity(StrEnum):
+    """What a channel measures."""
+
+    HAND_WHEEL = "hand_wheel_rad"
+    WHEEL = "wheel_angle_rad"
+    SPEED = "speed_m_s"
+    YAW_RATE = "yaw_rate_rad_s"
+    LATERAL_ACCELERATION = "lateral_acceleration_m_s2"
+    COMMAND = "steer_rad"
+
+
+OUTPUTS = (Quantity.YAW_RATE, Quantity.LATERAL_ACCELERATION)
+
+
+class Channel(NamedTuple):
+    """One sensor: times [s] and values in SI units, both of shape (n,), in the order of time."""
+
+    name: str
+    quantity: Quantity
+    time_s: FloatArray
+    values: FloatArray
+
+    @property
+    def period_s(self) -> float:
+        """The median time between samples."""
+        return float(np.median(np.diff(self.time_s)))
+
+    @property
+    def quantum(self) -> float:
+        """The smallest step between two values, 0 if none differ."""
+        steps = np.abs(np.diff(self.values))
+        return float(steps[steps > 0.0].min(initial=np.inf)) if steps.any() else 0.0
+
+
+class Drive(NamedTuple):
+    """The channels of a drive and the stretches of time [s] in which all of them speak.
+
+    ``steering``, ``speed``  inputs
+    ``outputs``              the first is a yaw rate
+    ``notes``                what was left out, for the user
+    """
+
+    steering: Channel
+    speed: Channel
+    outputs: tuple[Channel, ...]
+    segments: tuple[tuple[float, float], ...]
+    notes: tuple[str, ...]
+
+    @property
+    def duration_s(self) -> float:
+        """Of all segments together."""
+        return sum(end - start for start, end in self.segments)
+
+
+def continuous(time_s: FloatArray) -> tuple[FloatArray, list[float]]:
+    """Return times that only rise, and those at which a clock was set back."""
+    steps = np.diff(time_s)
+    breaks = np.flatnonzero(steps <= 0.0) + 1
+    if not len(breaks):
+        return time_s, []
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 1.0
+    shifts = np.zeros(len(time_s))
+    # A silence in place of the step, so that a segment ends there.
+    silence_s = GAP_S_MIN + (GAP_PERIODS + 1.0) * usual
+    shifts[breaks] = silence_s - steps[breaks - 1]
+    risen = time_s + np.cumsum(shifts)
+    return risen, [float(at) for at in risen[breaks]]
+
+
+def without_spikes(channel: Channel) -> tuple[Channel, int]:
+    """Return a channel without spikes and without what is no number, and how many spikes."""
+    known = np.isfinite(channel.time_s) & np.isfinite(channel.values)
+    time_s, values = channel.time_s[known], channel.values[known]
+    if len(values) < _WINDOW:
+        return channel._replace(time_s=time_s, values=values), 0
+    off = np.abs(values - median_filter(values, _WINDOW, mode="nearest"))
+    # Of a coarse signal most deviations are 0: so never below its quantum, or a share of its range.
+    steps = np.abs(np.diff(values))
+    usual = max(
+        float(np.median(off)),
+        float(np.quantile(steps, 0.9)),
+        1e-3 * float(np.quantile(values, 0.95) - np.quantile(values, 0.05)),
+    )
+    kept = off <= SPIKE_DEVIATIONS * max(usual, 1e-12)
+    return channel._replace(time_s=time_s[kept], values=values[kept]), int((~kept).sum())
+
+
+def make_drive(channels: Iterable[Channel], source: str) -> Drive:
+    """Return the drive; raises SettingsError for channels from which nothing can be told."""
+    notes, clean = [], []
+    for channel in channels:
+        if len(channel.time_s) > SAMPLES_MAX:
+            raise SettingsError(f"{source}: {channel.name} has over {SAMPLES_MAX} samples: --to S")
+        kept, spikes = without_spikes(channel)
+        if spikes:
+            notes.append(f"{channel.name}: {spikes} spikes left out")
+        if len(kept.time_s) > 1:
+            clean.append(kept)
+    by_quantity: Mapping[Quantity, Sequence[Channel]] = {
+        quantity: [one for one in clean if one.quantity is quantity] for quantity in Quantity
+    }
+    steering = [*by_quantity[Quantity.WHEEL], *by_quantity[Quantity.HAND_WHEEL]]
+    wanted = {
+        "hand_wheel_rad or wheel_angle_rad": steering,
+        "speed_m_s": by_quantity[Quantity.SPEED],
+        "yaw_rate_rad_s": by_quantity[Quantity.YAW_RATE],
+    }
+    if missing := [name for name, found in wanted.items() if not found]:
+        raise SettingsError(
+            f"{source}: has no {' and no '.join(missing)}; see steer-by-wire identify new"
+        )
+    outputs = [one for quantity in OUTPUTS for one in by_quantity[quantity]]
+    speed = by_quantity[Quantity.SPEED][0]
+    segments = _segments([steering[0], speed, outputs[0]], speed)
+    if not segments:
+        raise SettingsError(
+            f"{source}: no {SEGMENT_S_MIN:g} s of driving above {SPEED_M_S_MIN:g} m/s without a gap"
+        )
+    if len(segments) > 1:
+        notes.append(f"{len(segments)} segments between gaps, stops and steps of the clock")
+    drive = Drive(steering[0], speed, tuple(outputs), tuple(segments), tuple(notes))
+    _refuse_idle(drive, source)
+    return drive
+
+
+def _segments(channels: Sequence[Channel], speed: Channel) -> list[tuple[float, float]]:
+    start = max(one.time_s[0] for one in channels)
+    end = min(one.time_s[-1] for one in channels)
+    gaps = [(-np.inf, float(start)), (float(end), np.inf)]
+    for channel in channels:
+        longest_s = max(GAP_S_MIN, GAP_PERIODS * channel.period_s)
+        at = np.flatnonzero(np.diff(channel.time_s) > longest_s)
+        gaps += zip(channel.time_s[at].tolist(), channel.time_s[at + 1].tolist(), strict=True)
+    slow = np.flatnonzero(speed.values < SPEED_M_S_MIN)
+    pause_s = speed.period_s
+    gaps += [(float(t) - pause_s, float(t) + pause_s) for t in speed.time_s[slow]]
+    gaps.sort()
+    found, free_from = [], -np.inf
+    for gap_start, gap_end in gaps:
+        if np.isfinite(free_from) and gap_start - free_from >= SEGMENT_S_MIN:
+            found.append((free_from, gap_start))
+        free_from = max(free_from, gap_end)
+    if sum(b - a for a, b in found) > DURATION_S_MAX:
+        raise SettingsError(
+            f"over {DURATION_S_MAX / 3600:g} h of driving: take a part, --from --to"
+        )
+    return found
+
+
+def _refuse_idle(drive: Drive, source: str) -> None:
+    """Refuse a drive whose wheel was never turned; raises SettingsError."""
+    inside = np.zeros(len(drive.steering.time_s), dtype=bool)
+    for start, end in drive.segments:
+        inside |= (drive.steering.time_s >= start) & (drive.steering.time_s <= end)
+    values = drive.steering.values[inside]
+    swing = float(np.quantile(values, 0.99) - np.quantile(values, 0.01))
+    rate = drive.outputs[0]
+    turned = float(np.std(np.interp(drive.steering.time_s[inside], rate.time_s, rate.values)))
+    if swing <= 4.0 * drive.steering.quantum or swing < 1e-3 or turned < 1e-3:
+        raise SettingsError(
+            f"{source}: the wheel is never turned ({drive.steering.name} within {swing:.2g} rad):"
+            " drive a sweep, 20 s at 60 km/h from 0.2 to 3 Hz"
+        )

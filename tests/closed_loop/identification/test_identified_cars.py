@@ -1,0 +1,99 @@
+"""Identification of drawn cars, whose truth is known."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from steer_by_wire.closed_loop.identification.figures import Verdict, figure_values
+from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
+from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
+from steer_by_wire.closed_loop.identification.vehicle_file import read_vehicle, vehicle_toml
+from steer_by_wire.runtime.settings import SettingsError
+from tests.support.runs.drawn_drives import DrawnDrive, drawn_car, log_of, prescribed
+
+SEED = 9
+LATE_S = 0.037
+SIDE = "lateral_acceleration_m_s2"
+
+
+@cache
+def drawn() -> DrawnDrive:
+    rng = np.random.default_rng(SEED)
+    car = drawn_car(rng)
+    steering, speed = (one[4_000:30_000] for one in prescribed(car))
+    return log_of(car, 1.7 * steering, speed, rng, delays_s={SIDE: LATE_S})
+
+
+@cache
+def found() -> Identification:
+    one = drawn()
+    return identify(make_drive(one.channels, "drawn"), one.known, with_profiles=False)
+
+
+def test_the_intervals_of_a_drawn_car_hold_the_truth() -> None:
+    truth = figure_values(found().found.problem, drawn().truth)
+    outside = [one.name for one in found().figures if not one.low <= truth[one.name] <= one.high]
+    # Of intervals of 95 %, one of fourteen may.
+    assert len(outside) <= 1, outside
+    assert all(one.verdict is Verdict.IDENTIFIED for one in found().figures)
+
+
+def test_a_late_sensor_is_found_within_two_milliseconds() -> None:
+    (late,) = [one for one in found().figures if one.name == f"{SIDE}:delay_s"]
+    assert late.value == pytest.approx(LATE_S, abs=0.002)
+
+
+def test_errors_of_the_right_model_are_white() -> None:
+    tests = {doubt.what: doubt.is_passed for doubt in found().doubts}
+    assert tests["errors are white"]
+    assert tests["errors and steering do not correlate"]
+    assert "linear tyres: refused" in tests
+
+
+def test_a_vehicle_file_predicts_its_own_log(tmp_path) -> None:
+    file = tmp_path / "vehicle.toml"
+    file.write_text(vehicle_toml(found().found, found().figures, 16.7, "a test"))
+    drive = make_drive(drawn().channels, "drawn")
+    prediction = predict(drive, read_vehicle(file))
+    assert prediction.residual_percent == pytest.approx(found().residual_percent, rel=0.01)
+    (rate,) = [at for at, one in enumerate(drive.outputs) if one.quantity is Quantity.YAW_RATE]
+    late = drive.outputs[rate]._replace(time_s=drive.outputs[rate].time_s + 0.04)
+    prediction = predict(drive._replace(outputs=(late,)), read_vehicle(file))
+    assert "comes 40 ms later" in prediction.notes[-1]
+
+
+def test_a_car_steered_at_the_rear_is_refused_in_words() -> None:
+    steering, speed = (one[4_000:16_000] for one in prescribed(drawn().truth))
+    time_s, u = np.arange(len(steering)) * 0.001, 16.7
+    mass, inertia, front_m, rear_m, front, rear = 1500.0, 2400.0, 1.3, 1.4, 90e3, 110e3
+    lateral = [-(front + rear) / (mass * u), (rear_m * rear - front_m * front) / (mass * u) - u]
+    turning = [(rear_m * rear - front_m * front) / (inertia * u),
+               -(front_m**2 * front + rear_m**2 * rear) / (inertia * u)]  # fmt: skip
+    inputs = np.array([[rear / mass], [-rear_m * rear / inertia]])
+    system = [lateral, turning], inputs, np.eye(2), np.zeros((2, 1))
+    _, states, _ = lsim(system, steering / -16.0, time_s)
+    side = states @ lateral + u * states[:, 1] + inputs[0, 0] * steering / -16.0
+
+    def channel(quantity: Quantity, values) -> Channel:
+        noise = 1e-3 * np.random.default_rng(1).standard_normal(len(time_s[::10]))
+        return Channel(str(quantity), quantity, time_s[::10], values[::10] + noise)
+
+    channels = [
+        channel(Quantity.HAND_WHEEL, steering),
+        channel(Quantity.SPEED, np.full_like(speed, u)),
+        channel(Quantity.YAW_RATE, states[:, 1]),
+        channel(Quantity.LATERAL_ACCELERATION, side),
+    ]
+    with pytest.raises(SettingsError, match=r"steered at the rear|does not fit"):
+        identify(make_drive(channels, "rear"), drawn().known)
+
+
+def test_a_yaw_rate_of_wrong_sign_is_refused_in_words() -> None:
+    channels = [
+        one._replace(values=-one.values) if one.quantity is Quantity.YAW_RATE else one
+        for one in drawn().channels
+    ]
+    with pytest.raises(SettingsError, match="goes against the wheel"):
+        identify(make_drive(channels, "drawn"), drawn().known)

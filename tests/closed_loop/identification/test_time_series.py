@@ -1,0 +1,102 @@
+"""Channels: spikes, gaps, clocks, and columns of tables."""
+
+import numpy as np
+import pytest
+
+from steer_by_wire.closed_loop.identification.columns import proposed_mapping, read_columns
+from steer_by_wire.closed_loop.identification.time_series import (
+    Channel,
+    Quantity,
+    continuous,
+    make_drive,
+    without_spikes,
+)
+from steer_by_wire.runtime.settings import SettingsError
+
+TIME_S = np.arange(0.0, 30.0, 0.01)
+
+
+def channel(quantity: Quantity, values, time_s=TIME_S) -> Channel:
+    return Channel(str(quantity), quantity, time_s, values)
+
+
+def channels(wheel_rad: float = 0.3) -> list[Channel]:
+    wave = np.sin(2.0 * np.pi * 0.5 * TIME_S)
+    return [
+        channel(Quantity.HAND_WHEEL, wheel_rad * wave),
+        channel(Quantity.SPEED, np.full_like(TIME_S, 15.0)),
+        channel(Quantity.YAW_RATE, 0.2 * wave),
+    ]
+
+
+def test_spikes_are_left_out_and_steps_are_not() -> None:
+    values = np.where(TIME_S > 10.0, 0.4, 0.0)
+    spiked = values.copy()
+    spiked[[100, 101, 2000]] += 5.0
+    clean, count = without_spikes(channel(Quantity.YAW_RATE, spiked))
+    assert count == 3
+    assert np.array_equal(np.unique(clean.values), [0.0, 0.4])
+    assert without_spikes(channel(Quantity.YAW_RATE, values))[1] == 0
+
+
+def test_a_gap_and_a_stop_end_a_segment() -> None:
+    speed = np.where((TIME_S > 20.0) & (TIME_S < 21.0), 0.0, 15.0)
+    hand_wheel, _, rate = channels()
+    there = (TIME_S < 8.0) | (TIME_S > 9.0)
+    gappy = rate._replace(time_s=TIME_S[there], values=rate.values[there])
+    drive = make_drive([hand_wheel, channel(Quantity.SPEED, speed), gappy], "log")
+    ends = [end for segment in drive.segments for end in segment]
+    assert ends == pytest.approx([0.0, 8.0, 9.0, 20.0, 21.0, 29.99], abs=0.03)
+
+
+def test_a_clock_that_is_set_back_leaves_a_silence() -> None:
+    time_s, at = continuous(np.concatenate((TIME_S, TIME_S + 5.0)))
+    assert len(at) == 1
+    steps = np.diff(time_s)
+    assert steps.min() > 0.0
+    assert (steps > 0.3).sum() == 1
+
+
+def test_a_wheel_that_is_never_turned_is_refused() -> None:
+    with pytest.raises(SettingsError, match=r"never turned.*drive a sweep"):
+        make_drive(channels(1e-4), "log")
+
+
+def test_a_log_without_a_yaw_rate_is_refused_by_name() -> None:
+    with pytest.raises(SettingsError, match="has no yaw_rate_rad_s"):
+        make_drive(channels()[:2], "log")
+
+
+def test_columns_are_read_in_the_units_of_their_names(tmp_path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text("time_ms,speed_km_h,yaw_rate_deg_s,x\n0,36,90,1\n10,72,,2\n")
+    speed, rate = read_columns(file)
+    assert speed.values == pytest.approx([10.0, 20.0])
+    assert speed.time_s == pytest.approx([0.0, 0.01])
+    assert rate.values == pytest.approx([np.pi / 2.0])
+
+
+def test_a_proposed_mapping_reads_its_table(tmp_path) -> None:
+    file, mapping = tmp_path / "log.csv", tmp_path / "map.toml"
+    file.write_text("t,SAS_deg,VehSpeed_kmh,YawRate\n0,90,36,0.1\n1,180,72,0.2\n")
+    mapping.write_text(proposed_mapping(file))
+    by_quantity = {one.quantity: one.values for one in read_columns(file, mapping)}
+    assert by_quantity[Quantity.HAND_WHEEL] == pytest.approx([np.pi / 2.0, np.pi])
+    assert by_quantity[Quantity.SPEED] == pytest.approx([10.0, 20.0])
+    assert by_quantity[Quantity.YAW_RATE] == pytest.approx([0.1, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [("unit = 'furlong'", "allowed is rad, deg, mrad"), ("unit = 'rad'\ncolumn = 'x'", "has no")],
+)
+def test_a_wrong_mapping_is_refused_in_one_line(tmp_path, line, what) -> None:
+    file, mapping = tmp_path / "log.csv", tmp_path / "map.toml"
+    file.write_text("time_s,a\n0,1\n")
+    column = "" if "column" in line else "column = 'a'\n"
+    mapping.write_text(
+        "[columns.time_s]\ncolumn = 'time_s'\nunit = 's'\n"
+        f"[columns.hand_wheel_rad]\n{column}{line}\n"
+    )
+    with pytest.raises(SettingsError, match=what):
+        read_columns(file, mapping)

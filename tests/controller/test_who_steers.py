@@ -1,0 +1,59 @@
+"""Who steers: the rule by the driver's torque, and what the controller makes of it."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.controller.who_steers import (
+    HandWheelSettings,
+    Steering,
+    SteeringRule,
+    steering_rule,
+    steering_step,
+)
+from steer_by_wire.dbc.messages import SteeredBy
+
+LAW, DRIVER = SteeredBy.LAW, SteeredBy.DRIVER
+PERIOD_NS = 10_000_000
+FRESH = PERIOD_NS
+
+
+def rule(**table: object) -> SteeringRule:
+    return steering_rule(HandWheelSettings.model_validate(table))
+
+
+def history(
+    p: SteeringRule, torques: list[float], *, age_ns: int | None = FRESH, can_steer: bool = True
+) -> list[SteeredBy]:
+    steering, found = Steering(LAW, 0), []
+    for period, torque in enumerate(torques):
+        steering = steering_step(
+            p, steering, (torque, age_ns), period * PERIOD_NS, can_steer=can_steer
+        )
+        found.append(steering.steered_by)
+    return found
+
+
+def test_a_firm_torque_takes_over_and_rested_hands_give_back() -> None:
+    p = rule(take_over_n_m=2.0, hands_off_n_m=0.3, hand_back_s=0.5)
+    found = history(p, [1.9] * 5 + [-2.0] + [0.4] * 20 + [0.2] * 60)
+    assert found[:5] == [LAW] * 5
+    assert found[5:75] == [DRIVER] * 70
+    assert found[76:] == [LAW] * 10
+
+
+@given(st.lists(st.floats(-20.0, 20.0), max_size=50), st.sampled_from(["driver", "law"]))
+def test_who_always_steers_steers_whatever_the_torque(torques: list[float], who: str) -> None:
+    found = history(rule(steered_by=who), torques, can_steer=False)
+    assert set(found) <= {SteeredBy[who.upper()]}
+
+
+@given(st.lists(st.floats(-20.0, 20.0), max_size=50), st.sampled_from([None, 101_000_000]))
+def test_a_silent_hand_wheel_never_steers(torques: list[float], age_ns: int | None) -> None:
+    for who in ("driver", "torque"):
+        assert set(history(rule(steered_by=who), torques, age_ns=age_ns)) <= {LAW}
+
+
+@pytest.mark.parametrize("torque", [0.0, 5.0])
+def test_the_driver_steers_while_the_law_cannot(torque: float) -> None:
+    assert history(rule(hand_back_s=0.0), [torque] * 5, can_steer=False) == [DRIVER] * 5

@@ -1,0 +1,170 @@
+"""Drives of drawn cars: steering and speed over time, what the car does, what its sensors show.
+
+The lag and the dead time of the steering are computed here, from steering that is known at any
+time; the motion is that of ``car_step``. The sensors' offsets, noise and steps are drawn.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import lfilter
+
+from steer_by_wire.closed_loop.identification.parameters import Known, Problem
+from steer_by_wire.closed_loop.identification.response import STEP_S, Grid, respond
+from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity
+from steer_by_wire.runtime.array_types import FloatArray
+
+PERIOD_S = 0.01
+TURNING_MS2 = 4.0
+"""Lateral acceleration of the sweep."""
+
+
+class DrawnDrive(NamedTuple):
+    """Channels as a log has them, what is true of the car, and what may be told to the program."""
+
+    channels: list[Channel]
+    truth: Mapping[str, float]
+    known: Known
+
+
+def drawn_car(rng: np.random.Generator) -> dict[str, float]:
+    """Return the parameters of a car, by the names of ``parameters``."""
+    lag_s = float(rng.uniform(0.01, 0.12))
+    front_c = float(rng.uniform(9.0, 22.0))
+    return {
+        "wheelbase_m": float(2.75 * np.exp(0.08 * rng.standard_normal())),
+        "front_share": float(np.clip(0.48 + 0.04 * rng.standard_normal(), 0.38, 0.58)),
+        "front_c": front_c,
+        "rear_c": front_c * float(rng.uniform(1.0, 1.7)),
+        "inertia": float(rng.uniform(0.75, 1.15)),
+        "friction": float(rng.uniform(0.7, 1.1)),
+        "relaxation_m": float(rng.uniform(0.2, 0.7)),
+        "lag_squared_s2": lag_s**2,
+        "delay_and_lag_s": lag_s + float(rng.uniform(0.0, 0.08)),
+        "steering_ratio": float(rng.uniform(12.0, 19.0)),
+        "steering_offset_rad": float(0.03 * rng.standard_normal()),
+        "yaw_rate_offset_rad_s": float(0.005 * rng.standard_normal()),
+        "lateral_acceleration_m_s2:offset": float(0.15 * rng.standard_normal()),
+        "lateral_acceleration_m_s2:gain": float(1.0 + 0.03 * rng.standard_normal()),
+    }
+
+
+def gain_1_s(car: Mapping[str, float], speed_m_s: float | FloatArray) -> FloatArray:
+    """Return yaw rate over hand wheel angle in a steady turn."""
+    gradient = (1.0 / car["front_c"] - 1.0 / car["rear_c"]) / 9.80665
+    speed = np.asarray(speed_m_s)
+    return speed / (car["wheelbase_m"] + gradient * speed**2) / car["steering_ratio"]
+
+
+def prescribed(car: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    """Return steering [rad] and speed [m/s] on the grid: sweep at 60, steps at 80, hard slalom."""
+    time_s = np.arange(0.0, 70.0, STEP_S)
+    speed = np.interp(time_s, [0, 3, 32, 40, 70], [11.0, 16.7, 16.7, 22.2, 22.2])
+    sweep_s = np.clip(time_s - 4.0, 0.0, 26.0)
+    phase = 2.0 * np.pi * 0.2 * 26.0 / np.log(15.0) * (15.0 ** (sweep_s / 26.0) - 1.0)
+    shape = np.where((time_s > 4.0) & (time_s < 30.0), np.sin(phase), 0.0)
+    a_y = TURNING_MS2 * shape
+    for start_s, end_s, level in ((41, 44, 3.0), (46, 49, -3.5), (51, 53, 2.0)):
+        ramp = np.clip((time_s - start_s) / 0.2, 0, 1) - np.clip((time_s - end_s) / 0.2, 0, 1)
+        a_y = a_y + level * ramp
+    slalom_s = np.clip(time_s - 55.0, 0.0, 14.0)
+    limit = 9.0 * car["friction"]
+    a_y = a_y + limit * slalom_s / 14.0 * np.sin(2.0 * np.pi * 0.45 * slalom_s)
+    steering: FloatArray = a_y / speed / gain_1_s(car, speed)
+    return steering, speed
+
+
+def normal(car: Mapping[str, float], rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return steering and speed of 120 s of ordinary driving."""
+    time_s = np.arange(0.0, 120.0, STEP_S)
+    knots = rng.uniform(11.0, 25.0, 13)
+    speed = np.interp(time_s, np.arange(0.0, 121.0, 10.0), knots)
+    noise = rng.standard_normal(len(time_s))
+    kept = np.exp(-STEP_S / 0.8)
+    slow = lfilter([1.0 - kept], [1.0, -kept], lfilter([1.0 - kept], [1.0, -kept], noise))
+    a_y = 1.2 * slow / slow.std()
+    return a_y / speed / gain_1_s(car, speed), speed
+
+
+def log_of(
+    car: Mapping[str, float],
+    steering_rad: FloatArray,
+    speed_m_s: FloatArray,
+    rng: np.random.Generator,
+    *,
+    delays_s: Mapping[str, float] | None = None,
+    noise: float = 1.0,
+    knows: bool = True,
+) -> DrawnDrive:
+    """Return what a log has of a drive.
+
+    ``delays_s``  by which further channels come late
+    ``noise``     factor on the drawn noise
+    ``knows``     whether mass, geometry and ratio are told
+    """
+    lag_s = float(np.sqrt(car["lag_squared_s2"]))
+    dead_s = car["delay_and_lag_s"] - lag_s
+    steps = np.arange(len(steering_rad))
+    late = np.interp(steps - dead_s / STEP_S, steps, steering_rad)
+    kept = np.exp(-STEP_S / lag_s)
+    # Exact for steering that is straight between two steps.
+    ahead = 1.0 - lag_s / STEP_S * (1.0 - kept)
+    taps = [ahead, 1.0 - kept - ahead]
+    wheel = lfilter(taps, [1.0, -kept], late, zi=[late[0] * (1.0 - ahead)])[0]
+    still = {**car, "lag_squared_s2": 0.0, "delay_and_lag_s": 0.0}
+    grid = Grid(
+        np.array([0, len(steps)]), np.zeros(1), wheel, speed_m_s, _slope(speed_m_s)
+    )  # fmt: skip
+    response = respond(grid, still, Problem((), (), {}, Known(), ()))
+    time_s = steps * STEP_S
+    side = Quantity.LATERAL_ACCELERATION
+    channels = [
+        _measured(Quantity.HAND_WHEEL, time_s, steering_rad, rng, 0.0, 0.0017),
+        _measured(Quantity.SPEED, time_s, speed_m_s, rng, 0.0, 0.01),
+        _measured(
+            Quantity.YAW_RATE,
+            time_s,
+            response.yaw_rate_rad_s + car["yaw_rate_offset_rad_s"],
+            rng,
+            noise * rng.uniform(0.001, 0.004),
+            5e-4,
+        ),
+        _measured(
+            side,
+            time_s,
+            car[f"{side}:gain"] * response.lateral_acceleration_m_s2 + car[f"{side}:offset"],
+            rng,
+            noise * rng.uniform(0.03, 0.12),
+            0.01,
+            (delays_s or {}).get(side, 0.0),
+        ),
+    ]
+    known = Known()
+    if knows:
+        known = Known(
+            mass_kg=1800.0,
+            wheelbase_m=car["wheelbase_m"],
+            front_axle_distance_m=car["front_share"] * car["wheelbase_m"],
+            steering_ratio=car["steering_ratio"],
+        )
+    truth = {**car, **{f"{name}:delay_s": value for name, value in (delays_s or {}).items()}}
+    return DrawnDrive(channels, truth, known)
+
+
+def _slope(speed_m_s: FloatArray) -> FloatArray:
+    return np.gradient(speed_m_s, STEP_S)
+
+
+def _measured(
+    quantity: Quantity,
+    time_s: FloatArray,
+    values: FloatArray,
+    rng: np.random.Generator,
+    deviation: float,
+    quantum: float,
+    delay_s: float = 0.0,
+) -> Channel:
+    at_s = np.arange(0.0, time_s[-1], PERIOD_S)
+    seen = np.interp(at_s - delay_s, time_s, values) + deviation * rng.standard_normal(len(at_s))
+    return Channel(str(quantity), quantity, at_s, np.round(seen / quantum) * quantum)

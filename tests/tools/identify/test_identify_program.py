@@ -1,0 +1,75 @@
+"""The program ``steer-by-wire identify``."""
+
+import json
+import re
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steer_by_wire.plant_emulator.settings import PlantSettings, shared_vehicle
+from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.tools.identify.__main__ import main
+from tests.support.runs.drawn_drives import drawn_car, log_of, prescribed
+
+
+@cache
+def table() -> str:
+    """A drive as a CSV whose columns have names of ours."""
+    rng = np.random.default_rng(5)
+    car = drawn_car(rng)
+    steering, speed = (one[4_000:24_000] for one in prescribed(car))
+    channels = log_of(car, steering, speed, rng).channels[:3]
+    columns = [channels[0].time_s, *(one.values for one in channels)]
+    header = ",".join(("time_s", *(one.name for one in channels)))
+    rows = (",".join(map("{:.6g}".format, row)) for row in zip(*columns, strict=True))
+    return "\n".join((header, *rows))
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    file = tmp_path / "drive.csv"
+    file.write_text(table())
+    return file
+
+
+def test_a_drive_becomes_a_vehicle_that_predicts_it(log, tmp_path, capsys) -> None:
+    out = tmp_path / "car"
+    assert main([str(log), "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert "steering_ratio_times_wheelbase_m" in shown
+    residual = float(re.search(r"residual of yaw rate: (\S+) %", shown)[1])
+    vehicle = load_settings(PlantSettings, shared=shared_vehicle(out / "vehicle.toml")).vehicle
+    tables = tomllib.loads((out / "vehicle.toml").read_text())
+    assert vehicle.yaw_inertia_kg_m2 == tables["vehicle"]["yaw_inertia_kg_m2"]
+    report = json.loads((out / "report.json").read_text())
+    assert report["residual_percent"] == pytest.approx(residual, abs=0.01)
+    assert main([str(log), "--predict", str(out / "vehicle.toml")]) == 0
+    predicted = float(re.search(r"residual of yaw rate: (\S+) %", capsys.readouterr().out)[1])
+    assert predicted == pytest.approx(residual, rel=0.02)
+
+
+def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
+    renamed = log.read_text().replace("hand_wheel_rad", "SteerAngle", 1)
+    log.write_text(renamed.replace("yaw_rate_rad_s", "YAW", 1))
+    assert main([str(log)]) == 2
+    assert "has no hand_wheel_rad" in capsys.readouterr().err
+    assert main(["new", str(log)]) == 0
+    mapping = tomllib.loads(capsys.readouterr().out)["columns"]
+    assert mapping["hand_wheel_rad"]["column"] == "steerangle"
+    assert mapping["yaw_rate_rad_s"]["unit"] == "rad_s"
+
+
+@pytest.mark.parametrize(
+    ("known", "what"),
+    [("yaw_inertia_kg_m2 = 3000", "needs mass_kg"), ("mass = 1", "mass_kg")],
+)
+def test_what_cannot_be_known_is_refused_in_one_line(log, tmp_path, capsys, known, what) -> None:
+    file = tmp_path / "known.toml"
+    file.write_text(known)
+    assert main([str(log), "--known", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert what in error
+    assert error.count("\n") == 1

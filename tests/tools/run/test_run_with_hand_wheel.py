@@ -1,0 +1,129 @@
+"""``steer-by-wire run --hand-wheel``: three nodes, who steers, and what the wheel does."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from steer_by_wire.tools.run.__main__ import main
+
+PAIR = (
+    *("--preset", "highway_nominal", "--preset", "highway_pd"),
+    *("--set", "plant.path.kind=straight"),
+)
+DRIVEN = ("--set", "controller.hand_wheel.steered_by=driver")
+KICKED = ("--hand-wheel", "hands_off", "--set", "hand_wheel.wheel.friction_n_m=0")
+
+
+def run(tmp_path: Path, *options: str) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path / f"run{len(list(tmp_path.iterdir()))}"
+    report = tmp_path / f"{folder.name}.json"
+    assert main([*options, "--out", str(folder), "--json", str(report)]) == 0
+    return folder, json.loads(report.read_text())
+
+
+def node(reports: dict[str, Any], program: str) -> dict[str, Any]:
+    found: dict[str, Any] = reports[program]["node"]
+    return found
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "hand_wheel_trace.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_late_torque_shakes_the_wheel_and_the_last_line_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short, late = (
+        run(
+            tmp_path, *PAIR, *DRIVEN, *KICKED, "--duration", "12",
+            "--set", f"plant.latency.uplink.mean_s={mean_s}",
+        )[1]
+        for mean_s in (0.0, 0.2)
+    )  # fmt: skip
+    assert node(short, "hand_wheel")["verdict"] == "still"
+    assert node(late, "hand_wheel")["verdict"].startswith("shakes at 0.")
+    assert "; hand wheel: shakes at" in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_the_command_that_a_run_prints_makes_it_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, _ = run(
+        tmp_path, *PAIR, "--hand-wheel", "two_point", "--duration", "3", *DRIVEN,
+        "--set", "hand_wheel.cycle_ms=2", "--set", "plant.latency.downlink.spread_s=0.01",
+        "--set", "plant.latency.downlink.mean_s=0.03",
+        "--set", "plant.latency.downlink.model=gamma",
+    )  # fmt: skip
+    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    again = next(rest for heading, rest in lines if heading == "again").split()
+    second, _ = run(tmp_path, *again[2:])
+    for name in ("hand_wheel_trace.csv", "plant_trace.csv", "candump.log"):
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+
+
+def test_the_driver_takes_over_by_torque_and_hands_back(tmp_path: Path) -> None:
+    folder, reports = run(
+        tmp_path, *PAIR, "--hand-wheel", "hands_off", "--duration", "8",
+        "--set", "hand_wheel.driver.kicks=[{at_s=2, lasts_s=0.2, torque_n_m=2.5}]",
+        "--set", "controller.hand_wheel.hand_back_s=1.5",
+    )  # fmt: skip
+    assert node(reports, "controller")["driver"]["changes"] == {"driver": 1, "law": 1}
+    by_time = {float(row["time_s"]): row["steered_by"] for row in rows(folder)}
+    assert [by_time[t] for t in (1.9, 2.1, 3.5, 3.9)] == ["LAW", "DRIVER", "DRIVER", "LAW"]
+    plant = node(reports, "plant_emulator")
+    assert plant["peak_m"] < 2.0
+    assert abs(plant["final_m"]) < 0.3
+
+
+def test_when_the_hand_wheel_falls_silent_the_plant_straightens(tmp_path: Path) -> None:
+    fault = "{kind='drop', direction='downlink', message='HAND_WHEEL_STATE', onset_s=2}"
+    _, reports = run(
+        tmp_path, *PAIR, *DRIVEN, "--hand-wheel", "still", "--duration", "4",
+        "--set", f"plant.faults=[{fault}]",
+    )  # fmt: skip
+    assert node(reports, "plant_emulator")["safety"]["fallbacks"] == 1
+    assert node(reports, "hand_wheel")["mode"] == "active"
+
+
+def test_when_the_road_falls_silent_the_feedback_fades_out(tmp_path: Path) -> None:
+    fault = "{kind='drop', direction='uplink', message='STEERING_FORCE', onset_s=2}"
+    folder, reports = run(
+        tmp_path, *PAIR, *DRIVEN, "--hand-wheel", "two_point", "--duration", "6",
+        "--set", "plant.path.kind=circle", "--set", "plant.path.radius_m=100",
+        "--set", f"plant.faults=[{fault}]",
+    )  # fmt: skip
+    assert node(reports, "hand_wheel")["mode"] == "safe_stop"
+    felt = {float(row["time_s"]): float(row["feedback_torque_n_m"]) for row in rows(folder)}
+    assert felt[1.9] < -0.3
+    assert felt[2.15] == pytest.approx(felt[2.05], abs=0.3)
+    assert felt[5.0] == pytest.approx(0.0, abs=0.1)
+    assert node(reports, "plant_emulator")["peak_m"] < 1.0  # he steers on without it
+
+
+def test_a_car_with_a_rack_is_felt_too(tmp_path: Path) -> None:
+    folder, reports = run(
+        tmp_path, "--preset", "large_sedan", "--preset", "highway_pd", *DRIVEN,
+        "--hand-wheel", "two_point", "--set", "plant.car.rack={}", "--duration", "10",
+    )  # fmt: skip
+    forces = [abs(float(row["rack_force_n"])) for row in rows(folder)]
+    assert 200.0 < max(forces) < 5000.0
+    assert node(reports, "plant_emulator")["peak_m"] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "refusal"),
+    [
+        (("--set", "hand_wheel.cycle_ms=5"), "add --hand-wheel too"),
+        (("--hand-wheel", "still", "--set", "hand_wheel.cycle_ms=50"), "up to 20"),
+        (("--hand-wheel", "still", "--controller-command", "true"), "has none"),
+    ],
+)
+def test_a_hand_wheel_that_cannot_be_is_refused(
+    options: tuple[str, ...], refusal: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(list(options)) == 2
+    assert refusal in capsys.readouterr().err

@@ -1,0 +1,1 @@
+"""Program ``steer-by-wire identify``: a car, its steering and its network from logs."""
