@@ -217,6 +217,8 @@ class ReportSettings(Settings):
 
     error_over_delay: tuple[str, ...] = ()
     """Controllers in the picture ``error_over_delay.png``; by default the first eight."""
+    largest_deviation: bool = False
+    """Whether the largest deviations are printed too, in one table."""
 
 
 class StudySettings(Settings):

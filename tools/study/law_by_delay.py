@@ -170,6 +170,21 @@ def law_section(found: LawByDelay, pictures: Sequence[Picture]) -> Section:
     )
 
 
+def largest_deviations(found: LawByDelay) -> list[str]:
+    """Return lines with the largest deviation of each law, under each condition and delay."""
+    delays = " / ".join(f"{delay_ms:g}" for delay_ms in found.delays_ms)
+    heads = [f"largest deviation [m] at {delays} ms", *found.controllers]
+    rows = [
+        [text, *(" ".join(f"{peak:.2f}" for peak in law) for law in peaks)]
+        for text, peaks in zip(found.conditions, found.peak_m.tolist(), strict=True)
+    ]
+    widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+    return [
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in (heads, *rows)
+    ]
+
+
 def _breaks(delay_ms: float | None) -> str:
     return "-" if delay_ms is None else f"{delay_ms:g}"
 

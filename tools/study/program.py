@@ -120,8 +120,11 @@ def _compute(
 def _report(console: Console, folder: Path) -> None:
     """Write the report of a complete study, where this installation has one."""
     try:
-        page = importlib.import_module("steer_by_wire.tools.study.report").write(folder)
+        report = importlib.import_module("steer_by_wire.tools.study.report")
+        page, lines = report.write(folder), report.deviations_asked_for(folder)
     except ImportError as error:
         console.print(f"report: skipped: {error}")
         return
+    for line in lines:
+        console.print(line, soft_wrap=True)
     console.print(f"report: {page}")

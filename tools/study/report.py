@@ -27,7 +27,13 @@ from ...runtime.output_file import write_file, write_text
 from ...runtime.settings import Settings
 from .against_pd import comparison_section
 from .fault_reactions import reaction_sections
-from .law_by_delay import CURVES_MAX, draw_error_over_delay, law_by_delay, law_section
+from .law_by_delay import (
+    CURVES_MAX,
+    draw_error_over_delay,
+    largest_deviations,
+    law_by_delay,
+    law_section,
+)
 
 PAGE = "report.html"
 
@@ -50,6 +56,16 @@ def write(folder: Path) -> Path:
     verdict = f"{held:,} of {len(rows.id):,} runs hold the path"
     write_text(file, page(f"Study {study.name}", sections, verdict))
     return file
+
+
+def deviations_asked_for(folder: Path) -> list[str]:
+    """Return the lines with the largest deviations, of a study that prints them."""
+    study = read_study(folder)
+    if not study.report.largest_deviation:
+        return []
+    rows = read_rows(study)
+    found = law_by_delay(study, rows)
+    return [] if found is None else largest_deviations(found)
 
 
 def _laws(study: StudyRecord, rows: Rows) -> list[Section]:
