@@ -24,6 +24,7 @@ from steer_by_wire.runtime.settings import preset_names
 
 NAME = "steer-by-wire study"
 SHIPPED = "steer_by_wire.closed_loop.studies"
+FAULT_TIME = f"{SHIPPED}.fault_time"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,8 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     example = f"{NAME} latency_jitter --dry-run"
     parser = command_parser(NAME, __doc__, example, "[STUDY] [options]")
     parser.add_argument(
-        "study", type=settings_file(SHIPPED), nargs="?", metavar="STUDY",
-        help=f"a file, or one of {', '.join(preset_names(SHIPPED))}",
+        "study", type=_study_file, nargs="?", metavar="STUDY",
+        help=f"a file, or one of {', '.join([*preset_names(SHIPPED), *preset_names(FAULT_TIME)])}",
     )  # fmt: skip
     parser.add_argument("--list", action="store_true", help="print the shipped studies, and end")
     parser.add_argument(
@@ -66,6 +67,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_main(NAME, partial(_run, options))
 
 
+def _study_file(text: str) -> Path:
+    """Return the file of a study, also of that of fault times."""
+    package = FAULT_TIME if text in preset_names(FAULT_TIME) else SHIPPED
+    return settings_file(package)(text)
+
+
 def _run(options: argparse.Namespace) -> int:
     # What computes and draws takes seconds to import, which --help need not wait for.
     if options.list:
@@ -73,11 +80,18 @@ def _run(options: argparse.Namespace) -> int:
         for name in preset_names(SHIPPED):
             file = settings_file(SHIPPED)(name)
             print(f"{name:<18} {read_study(file).title}\n{'':<18} {file}")
+        read = importlib.import_module(f"{FAULT_TIME}.settings").read_fault_time
+        for name in preset_names(FAULT_TIME):
+            file = settings_file(FAULT_TIME)(name)
+            print(f"{name:<18} {read(file).title}\n{'':<18} {file}")
         return ExitStatus.OK
     if options.report is not None:
         write = importlib.import_module("steer_by_wire.tools.study.report").write
         print(f"report: {write(options.report)}")
         return ExitStatus.OK
+    if importlib.import_module(f"{FAULT_TIME}.settings").is_fault_time(options.study):
+        run = importlib.import_module("steer_by_wire.tools.study.fault_time").run_fault_time
+        return int(run(options))
     run_study = importlib.import_module("steer_by_wire.tools.study.program").run_study
     return int(run_study(options))
 
