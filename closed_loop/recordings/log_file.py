@@ -4,23 +4,15 @@ What cannot be read is counted and costs nothing else. A killed writer leaves a 
 its line end. That line is dropped: half a payload would read as a whole frame of a wrong length.
 """
 
-import gc
-import sys
 import zlib
 from collections.abc import Callable, Generator, Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from traceback import clear_frames
-from typing import Any
 
-import can
-
-from ...runtime.exit_status import one_line
-from ...runtime.frame.message import frame_of
-from ...runtime.node import NS_PER_S
 from .blf_log import BlfLog
 from .candump_text import candump_reader
-from .log_state import LogError, Logged, LogState, NoFrameError, TextLines, logged
+from .log_state import LogError, Logged, LogState, NoFrameError, TextLines
+from .mf4_log import Mf4Log
 from .text_formats import READERS, TrcReader
 
 _COMMENTS = ("#", ";", "//")
@@ -65,9 +57,9 @@ def open_log(path: Path) -> LogFile:
         if suffix == ".blf":
             objects = BlfLog(path)
             return LogFile(objects, objects.frames())
-        if suffix in _BINARY_SUFFIXES:
-            binary = _OfPythonCan(path)
-            return LogFile(binary, binary.frames())
+        if suffix == ".mf4":
+            blocks = Mf4Log(path)
+            return LogFile(blocks, blocks.frames())
         lines = TextLines(path)
     except (OSError, EOFError) as error:
         raise LogError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
@@ -93,47 +85,3 @@ def _text_frames(lines: TextLines, read: Callable[[str], Logged | None] | None) 
             yield taken
         elif taken is not None:
             lines.count_unreadable("no end")
-
-
-class _OfPythonCan(LogState):
-    """A log in a format of blocks that python-can reads, up to the first damaged one."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)  # refuses a missing file
-        self.close()
-        try:
-            self._reader: Any = can.LogReader(path)
-        except Exception as error:
-            # asammdf fails, with a traceback, to close what it could not open: here, without.
-            hook, sys.unraisablehook = sys.unraisablehook, lambda _unraisable: None
-            first: BaseException | None = error
-            while first is not None:
-                clear_frames(first.__traceback__)
-                first = first.__context__
-            gc.collect()
-            sys.unraisablehook = hook
-            why = f"{path}: no whole {path.suffix} file: {one_line(error)}"
-            raise LogError(why) from error
-
-    @property
-    def fraction_read(self) -> float | None:
-        """Not known."""
-        return None
-
-    def frames(self) -> Iterator[Logged]:
-        """Yield the frames."""
-        count = 0
-        try:
-            for message in self._reader:
-                channel = "" if message.channel is None else str(message.channel)
-                time_ns = round(message.timestamp * NS_PER_S)
-                taken = logged(time_ns, channel, frame_of(message))
-                count += 1
-                yield taken
-        except GeneratorExit:
-            raise
-        except Exception as error:  # whatever a reader stumbles over
-            self.cut_off = f"damaged after {count} frames: {one_line(error)}"
-            self.count_unreadable(self.cut_off)
-        finally:
-            self._reader.stop()

@@ -1,6 +1,7 @@
 """Every format of a log gives the same figures, also what candump prints."""
 
 import gc
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from steer_by_wire.closed_loop.recordings.log_analysis import CG_DEVIATION
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.recordings.mf4_log import Mf4Log
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from tests.support.frames.recorded_frames import entries_in
@@ -50,6 +52,26 @@ def test_a_mf4_that_is_cut_off_is_one_line(
         open_log(path)
     gc.collect()
     assert "Traceback" not in capfd.readouterr().err
+
+
+FRAME = '[1000000, "can0", 256, "0102", 0]'
+ENDS = {
+    "import os; os.kill(os.getpid(), 11)": "its reader was ended by SIGSEGV",
+    "import sys; sys.exit('no such block')": "no such block",
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_a_reader_of_mf4_that_fails_keeps_the_frames_before(end: str, tmp_path: Path) -> None:
+    path = tmp_path / "damaged.mf4"
+    path.write_bytes(b"")
+    words = [sys.executable, "-c"]
+    with pytest.raises(LogError, match=f"damaged.mf4: no whole .mf4 file: {ENDS[end]}"):
+        Mf4Log(path, [*words, end])
+    log = Mf4Log(path, [*words, f"print({FRAME!r}, flush=True); {end}"])
+    assert [taken.frame.can_id for taken in log.frames()] == [256]
+    assert log.unreadable == 1
+    assert log.cut_off == f"damaged after 1 frames: {ENDS[end]}"
 
 
 def plain(entry: LogEntry, stamp: str, marks: str = "") -> str:
