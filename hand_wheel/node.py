@@ -62,7 +62,9 @@ STATUS_NS = 100_000_000
 _LAW_NS = 500_000_000
 """Without HAND_WHEEL_FEEDBACK for longer, the driver steers: chosen."""
 _REJECTED_COUNTERS = int(limits(HandWheelStatus)["rejected"].maximum) + 1
-_STATE_LIMITS = tuple(limits(HandWheelState).values())
+_ANGLE_RANGE = limits(HandWheelState)["hand_wheel_angle_rad"]
+_RATE_RANGE = limits(HandWheelState)["hand_wheel_rate_rad_s"]
+_TORQUE_RANGE = limits(HandWheelState)["driver_torque_n_m"]
 _APPLIED_RANGE = limits(HandWheelStatus)["applied_torque_n_m"]
 _NOT_FINITE = "the motion of the wheel was not finite"
 _MODES: Mapping[Mode, str] = {
@@ -310,10 +312,13 @@ class HandWheelNode:
 
     def _state_frame(self, now_ns: int) -> Frame:
         wheel = self._wheel
-        values = wheel.angle_rad, wheel.rate_rad_s, wheel.driver_torque_n_m
         self._sent_ns[self._states.counter] = now_ns
-        pairs = zip(values, _STATE_LIMITS, strict=True)
-        return self._states.frame(HandWheelState(*(self._within(*pair) for pair in pairs)))
+        state = HandWheelState(
+            hand_wheel_angle_rad=self._within(wheel.angle_rad, _ANGLE_RANGE),
+            hand_wheel_rate_rad_s=self._within(wheel.rate_rad_s, _RATE_RANGE),
+            driver_torque_n_m=self._within(wheel.driver_torque_n_m, _TORQUE_RANGE),
+        )
+        return self._states.frame(state)
 
     def _status_frame(self, now_ns: int) -> Frame:
         is_held = self._hands.grip is not HANDS_OFF

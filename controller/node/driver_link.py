@@ -53,5 +53,10 @@ class DriverLink:
     def frame(self) -> Frame:
         """Return the answer."""
         return self._sender.frame(
-            HandWheelFeedback(0.0, self._ratio, self._check.counter, self.steered_by)
+            HandWheelFeedback(
+                feedback_torque_n_m=0.0,
+                steering_ratio=self._ratio,
+                answered_state=self._check.counter,
+                steered_by=self.steered_by,
+            )
         )

@@ -9,7 +9,7 @@ import steer_by_wire
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
 
 ROOT = Path(steer_by_wire.__file__).parent
-FOLDERS = ("controller", "plant_emulator", "closed_loop", "tools", "dbc", "../tests")
+FOLDERS = ("controller", "hand_wheel", "plant_emulator", "closed_loop", "tools", "dbc", "../tests")
 NAMES = {kind.__name__ for kind in MESSAGE_TYPES.values()}
 
 

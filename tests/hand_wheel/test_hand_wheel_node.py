@@ -24,6 +24,7 @@ MS_NS = 1_000_000
 START_NS = 5_000_011
 FORCE_N = -100.0
 """To the right, as in a left turn."""
+OTHER = HandWheelState(hand_wheel_angle_rad=1.0, hand_wheel_rate_rad_s=0.0, driver_torque_n_m=0.0)
 
 
 class Road:
@@ -74,7 +75,12 @@ def force(newtons: float = FORCE_N) -> SteeringForce:
 
 
 def orders(steered_by: SteeredBy, answered: int = 0) -> HandWheelFeedback:
-    return HandWheelFeedback(0.0, 16.0, answered, steered_by)
+    return HandWheelFeedback(
+        feedback_torque_n_m=0.0,
+        steering_ratio=16.0,
+        answered_state=answered,
+        steered_by=steered_by,
+    )
 
 
 def torque_of(settings: HandWheelSettings, newtons: float) -> float:
@@ -134,7 +140,7 @@ def test_damaged_and_repeated_frames_are_refused_and_counted() -> None:
 def test_another_hand_wheel_on_the_bus_is_reported() -> None:
     road = Road()
     road.run(200, force())
-    road.node.on_frame(encode(HandWheelState(1.0, 0.0, 0.0), 77), road.now_ns)
+    road.node.on_frame(encode(OTHER, 77), road.now_ns)
     road.run(100, force())
     assert road.status.second_sender is SecondSender.OWN
     assert road.node.report()["second_senders"] == ["HAND_WHEEL_STATE"]
@@ -142,7 +148,9 @@ def test_another_hand_wheel_on_the_bus_is_reported() -> None:
 
 def test_while_the_law_steers_the_wheel_follows_the_road_wheels() -> None:
     road = Road(driver={"grip": "hands_off"})
-    status = SteeringStatus(0.05, 0, SteeringStatusCode.APPLYING)
+    status = SteeringStatus(
+        wheel_angle_rad=0.05, applied_counter=0, status=SteeringStatusCode.APPLYING
+    )
     road.run(2000, force(), status, orders(SteeredBy.LAW))
     assert road.state.hand_wheel_angle_rad == pytest.approx(16.0 * 0.05, abs=0.05)
     # Without a controller the driver steers again, and feels the road.

@@ -21,7 +21,9 @@ LATE = {"downlink": {"model": "constant", "mean_s": LATENCY_MS / 1e3}}
 
 def driven(milliseconds: range, angle_rad: float, tested: Link, period_ms: int = 2) -> None:
     for ms in milliseconds[::period_ms]:
-        state = HandWheelState(angle_rad, 0.0, 0.0)
+        state = HandWheelState(
+            hand_wheel_angle_rad=angle_rad, hand_wheel_rate_rad_s=0.0, driver_torque_n_m=0.0
+        )
         send(tested, state, START_NS + ms * MS_NS, ms // period_ms)
 
 
@@ -50,7 +52,9 @@ def test_the_controller_says_who_steers_and_the_ratio() -> None:
     status = tested.last(SteeringStatus)
     assert status.wheel_angle_rad == pytest.approx(0.02)
     assert status.status is SteeringStatusCode.LIMITED_BY_SAFETY  # not the command acts
-    law = HandWheelFeedback(0.0, 10.0, 0, SteeredBy.LAW)
+    law = HandWheelFeedback(
+        feedback_torque_n_m=0.0, steering_ratio=10.0, answered_state=0, steered_by=SteeredBy.LAW
+    )
     send(tested, law, START_NS + 151 * MS_NS, 0)
     tested.command(START_NS + 160 * MS_NS, -0.01)
     driven(range(162, 240), 0.4, tested)

@@ -128,7 +128,8 @@ def test_the_version_is_the_distributions_and_the_packages(
         (
             ["run", "--set", "latency.downlink.mean_s=0.1"],
             "steer-by-wire run: error: argument --set: 'latency.downlink.mean_s=0.1' begins with"
-            " neither plant. nor controller. (did you mean plant.latency.downlink.mean_s=0.1?)",
+            " none of plant., controller. and hand_wheel. (did you mean"
+            " plant.latency.downlink.mean_s=0.1?)",
         ),
         (
             ["run", "--preset", "paper_pd", "--preset", "practical_pd"],

@@ -1,0 +1,195 @@
+"""Runs of drawn feedback loops 2 % inside and outside the boundary that is computed for them.
+
+    python -m tests.searches.feedback_boundaries [LOOPS [FIRST]]
+
+Each loop has a speed, a grip, a law, a lag of the steering, a cycle and a network of whole cycles,
+both ways. The torque gradient at which it becomes unstable, or stable again, is computed; the two
+nodes then run at 0.98 and at 1.02 times of it, with frames, latency lines and quantised signals,
+and the wheel's swing has to shrink where the loop is stable and to grow where it is not.
+"""
+
+import sys
+from collections.abc import Iterator
+from itertools import count, pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.hand_wheel.node import HandWheelNode
+from steer_by_wire.hand_wheel.sampled_loop import (
+    FeedbackCdob,
+    sampled_feedback,
+    unstable_round_trips,
+)
+from steer_by_wire.hand_wheel.settings import HandWheelSettings
+from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
+
+SEED = 61
+FACTORS = (0.98, 1.02)
+GRADIENTS_N_M = (1.0, 60.0)
+_BISECTIONS = 12
+_GRID = 16
+DURATION_S, SETTLED_S, WINDOWS = 30.0, 6.0, 6
+_LINEAR_RAD, _LINEAR_N_M = 6.0, 18.0
+NO_LIMITS = dict.fromkeys(
+    (
+        *("angle_rad_max", "angle_rate_rad_s_max", "lateral_acceleration_m_s2_max"),
+        *("lateral_jerk_m_s3_max", "follow_tolerance_rad", "ftti_ms"),
+    ),
+    "off",
+)
+
+
+class Loop(NamedTuple):
+    """One loop without its torque gradient; ``down`` and ``up`` are cycles of the network."""
+
+    law: str
+    grip: str
+    speed_m_s: float
+    lag_s: float
+    damping_n_m_s: float
+    cycle_ms: float
+    down: int
+    up: int
+
+    @property
+    def vehicle(self) -> VehicleParams:
+        return VehicleParams(self.speed_m_s, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
+
+
+def drawn(number: int) -> Loop:
+    rng = np.random.default_rng([SEED, number])
+    return Loop(
+        law=str(rng.choice(["rack_force", "rack_force", "cdob", "spring"])),
+        grip=str(rng.choice(sorted(GRIPS))),
+        speed_m_s=float(rng.uniform(20.0, 140.0)) / 3.6,
+        lag_s=float(rng.choice([0.0, 0.01, 0.03, 0.06])),
+        damping_n_m_s=float(rng.uniform(0.1, 1.0)),
+        cycle_ms=float(rng.choice([2.0, 5.0, 10.0, 20.0])),
+        down=int(rng.integers(0, 8)),
+        up=int(rng.integers(0, 8)),
+    )
+
+
+def is_unstable(loop: Loop, gradient_n_m: float) -> bool:
+    """Return what the analysis says of a loop."""
+    rack = Rack(lag_s=max(loop.lag_s, 1e-6))
+    road = road_torque(loop.vehicle, gradient_n_m, rack)
+    if loop.law == "spring":
+        of_wheel = np.array([gradient_n_m * rack.steering_ratio, 0.0, 0.0])
+        road = LinearSystem(road.a, road.b, of_wheel)
+    wheel = held_wheel(HandWheel(damping_n_m_s=loop.damping_n_m_s), GRIPS[loop.grip])
+    cycle_s = loop.cycle_ms / 1e3
+    cdob = FeedbackCdob(road) if loop.law == "cdob" else None
+    round_trip_s = (loop.down + loop.up) * cycle_s
+    ranges = unstable_round_trips(sampled_feedback(wheel, road, cycle_s, cdob), round_trip_s + 1.0)
+    return any(
+        low <= round_trip_s and (high is None or round_trip_s < high) for low, high, _ in ranges
+    )
+
+
+def boundary_n_m(loop: Loop) -> float | None:
+    """Return the smallest torque gradient at which a loop changes between stable and unstable."""
+    grid = np.geomspace(*GRADIENTS_N_M, _GRID)
+    first = is_unstable(loop, float(grid[0]))
+    for low, high in pairwise(grid):
+        if is_unstable(loop, float(high)) != first:
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if is_unstable(loop, middle) == first else (low, middle)
+            return float(high)
+    return None
+
+
+def drawn_with_boundary(first: int = 0) -> Iterator[tuple[int, Loop, float]]:
+    """Yield drawn loops that have a boundary, each with its number."""
+    for number in count(first):
+        loop = drawn(number)
+        gradient = boundary_n_m(loop)
+        if gradient is not None:
+            yield number, loop, gradient
+
+
+def growth_1_s(loop: Loop, gradient_n_m: float) -> float:
+    """Return the rate at which the wheel's swing grows in a run of both nodes [1/s].
+
+    It is infinite for a wheel that has soon come to its stops, or to the limit of its motor.
+    """
+    vehicle: dict[str, Any] = loop.vehicle._asdict()
+    del vehicle["preview_distance_m"]
+    cycle_s = loop.cycle_ms / 1e3
+    latencies = {"downlink": loop.down * cycle_s, "uplink": loop.up * cycle_s}
+    plant = PlantSettings.model_validate(
+        {
+            "vehicle": vehicle,
+            "actuator": {"lag_s": loop.lag_s},
+            "path": {"kind": "straight"},
+            "safety": NO_LIMITS,
+            "steering_force": {"period_ms": loop.cycle_ms},
+            "hand_wheel": {},
+            "sensor_period_ms": loop.cycle_ms if loop.law == "spring" else 100.0,
+            "latency": {
+                line: {"model": "constant", "mean_s": mean_s} for line, mean_s in latencies.items()
+            },
+        }
+    )
+    wheel = HandWheelSettings.model_validate(
+        {
+            "cycle_ms": loop.cycle_ms,
+            "wheel": {"friction_n_m": 0.0, "torque_n_m_max": 20.0}
+            | {"damping_n_m_s": loop.damping_n_m_s},
+            "driver": {"grip": loop.grip}
+            | {"kicks": [{"at_s": 0.5, "lasts_s": 0.1, "torque_n_m": 1.5}]},
+            "feedback": {"law": loop.law, "torque_gradient_n_m": gradient_n_m},
+            "nominal_model": {**vehicle, "actuator_lag_s": loop.lag_s},
+            "supervision": {"timeout_ms": 5000.0},
+        }
+    )
+    samples = round(DURATION_S / cycle_s)
+    node = HandWheelNode(wheel, 0, samples)
+    VirtualTimeExecutor((PlantNode(plant, 0, samples_max=0), node)).run(round(DURATION_S * 1e9))
+    angles = np.array([sample.angle_rad for sample in node.samples])
+    torques = np.array([sample.feedback_torque_n_m for sample in node.samples])
+    beyond = np.flatnonzero((np.abs(angles) > _LINEAR_RAD) | (np.abs(torques) > _LINEAR_N_M))
+    linear_s = float(beyond[0]) * cycle_s if len(beyond) else DURATION_S
+    if linear_s < 0.5 * DURATION_S:
+        return np.inf
+    settled = angles[round(SETTLED_S / cycle_s) : round(linear_s / cycle_s)]
+    swings = [float(np.ptp(part)) for part in np.array_split(settled, WINDOWS)]
+    times_s = np.arange(WINDOWS) * (linear_s - SETTLED_S) / WINDOWS
+    return float(np.polyfit(times_s, np.log(np.maximum(swings, 1e-9)), 1)[0])
+
+
+def disagreements(loop: Loop, boundary: float) -> list[str]:
+    """Return where runs differ from the analysis, in words."""
+    found = []
+    for factor in FACTORS:
+        gradient = factor * boundary
+        unstable, growth = is_unstable(loop, gradient), growth_1_s(loop, gradient)
+        if (growth > 0.0) != unstable:
+            said = "unstable" if unstable else "stable"
+            found.append(f"{factor:g} of {boundary:.4g} N m/rad: {said}, but {growth:+.3g} 1/s")
+    return found
+
+
+def main(arguments: list[str]) -> int:
+    loops, first = map(int, [*arguments, *("200", "0")[len(arguments) :]])
+    wrong, laws = 0, dict.fromkeys(["rack_force", "cdob", "spring"], 0)
+    for place, (number, loop, boundary) in enumerate(drawn_with_boundary(first), 1):
+        laws[loop.law] += 1
+        for line in disagreements(loop, boundary):
+            wrong += 1
+            print(f"{number}: {loop}: {line}", flush=True)  # noqa: T201
+        if place == loops:
+            break
+    print(f"{loops} loops up to number {number}, {laws}: {2 * loops} runs, {wrong} disagree")  # noqa: T201
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
