@@ -51,8 +51,8 @@ from .schedule import (
     inbox_of,
     quantised_speed_m_s,
     schedule_run,
-    speed_in_use,
     status_in_use,
+    vehicle_in_use,
 )
 
 _guard = lru_cache(maxsize=256)(design_guard)
@@ -134,8 +134,7 @@ class CompiledRun(NamedTuple):
         if behind_m == 0.0:
             return self.lateral_error_m
         columns = (self.arc_length_m, self.heading_error_rad, self.lateral_error_m)
-        deviations_m: FloatArray = cg_deviations_m(self.motion.path, *columns, behind_m)
-        return deviations_m
+        return cg_deviations_m(self.motion.path, *columns, behind_m)
 
     @property
     def command_rad(self) -> FloatArray:
@@ -226,11 +225,11 @@ def _run_whole(
 ) -> CompiledRun:
     """Run from the start to the end. Raises _OverruledError."""
     design, motion = law.design, compiled_motion(plant)
-    inbox = inbox_of(plant, controller, schedule, motion) if design.looks_back else None
+    inbox = inbox_of(plant, controller, schedule, motion) if design.reads_history else None
     records = empty_records(len(schedule.sample_ns), len(schedule.tick_ns))
-    varies = plant.car is not None
-    tick_state = speed_in_use(plant, controller, schedule) if varies else _NONE
-    instants = Instants(*schedule[:6], tick_status, tick_state)
+    is_needed = plant.car is not None or design.looks_back
+    states = vehicle_in_use(plant, controller, schedule) if is_needed else (_NONE, _NONE)
+    instants = Instants(*schedule[:6], tick_status, *states)
     reads_speed = design.params_at is not None
     constants = _constants(plant, controller, schedule, reads_speed=reads_speed)
     world = (motion, constants, instants, records, inbox)
@@ -257,7 +256,7 @@ def _run(
 ) -> tuple[int, int, int]:
     """Run all segments; returns the samples taken, the ticks done, and how the run ended."""
     motion, constants, instants, records, inbox = world
-    varies = len(instants.tick_state) > 0
+    varies = plant.car is not None
     design, samples, ticks, outcome = law.design, 0, 0, COMPLETE
     # Named until the end, because the loop has their addresses alone.
     speed_m_s = None if varies else quantised_speed_m_s(motion.speed_m_s)
@@ -320,9 +319,9 @@ def _constants(
     reads_speed: bool,
 ) -> Constants:
     speed_m_s = quantised_speed_m_s(plant.vehicle.speed_m_s)
-    share = 1.0
+    share, alike_to_m_s = 1.0, -1.0 if reads_speed else controller.demand_ranges.tolerated_m_s_max
     if plant.car is None:
-        share = share_of_demand(controller.demand_ranges, speed_m_s)
+        share, alike_to_m_s = share_of_demand(controller.demand_ranges, speed_m_s), math.inf
     return Constants(
         guard=_guard(plant.safety, plant.vehicle, plant.actuator),
         limits=controller.steer_limits,
@@ -331,7 +330,7 @@ def _constants(
         share=share,
         share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, schedule),
         speed_m_s=0.0,
-        alike_to_m_s=-1.0 if reads_speed else controller.demand_ranges.tolerated_m_s_max,
+        alike_to_m_s=alike_to_m_s,
         stop_m_s2=plant.safety.stop_m_s2 or 0.0,
     )
 

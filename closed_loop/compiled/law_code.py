@@ -138,7 +138,7 @@ def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
 
 
 def _argument_kinds(design: LawDesign, params: Any, start: Any) -> tuple[Any, ...]:
-    history = empty_rings(keeps_plans=False) if design.looks_back else NO_HISTORY
+    history = empty_rings(keeps_plans=False) if design.reads_history else NO_HISTORY
     there = (params, start, history, NOW_UNKNOWN)
     pointers = [_numba.types.CPointer(_numba.typeof(each)) for each in there]
     return (*pointers, _numba.types.float64, _numba.types.float64)

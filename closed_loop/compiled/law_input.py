@@ -1,9 +1,9 @@
 """The input of a law that looks back in a compiled run, tick by tick, besides the newest error.
 
-Most laws read only the newest error and their last command: their inbox is None, which
-costs nothing. For a law that looks back, the messages of each sample are recorded when it is taken,
-and passed in their order of arrival (``closed_loop.compiled.schedule``) to the steps of
-``controller.history.history``.
+Most laws read only the newest error, their last command, and speed and curvature of the vehicle:
+their inbox is None, which costs nothing. For a law that reads more, the messages of each sample are
+recorded when it is taken, and passed in their order of arrival (``closed_loop.compiled.schedule``)
+to the steps of ``controller.history.history``.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
-from numba.extending import overload
+from numba.extending import overload, register_jitable
 
 from ...controller.history.history import (
     NO_COMMANDS,
@@ -52,9 +52,9 @@ from ...plant_emulator.vehicle.car.car_motion import CarMotionParams
 from ...plant_emulator.vehicle.exact_propagation import LinearState
 from ...runtime.array_types import FloatArray, IntArray
 from .along_path import write_ahead_1_m
-from .compilation import compiled_inside
+from .inlined_functions import INLINE
 from .memory import write
-from .step_functions import INLINE, register
+from .step_functions import register
 
 
 class Uplink(IntEnum):
@@ -159,36 +159,46 @@ def quantised(value: float, resolution: float) -> float:
 register(quantised)
 
 
-@compiled_inside
+@register_jitable(**INLINE)
 def speed_on_wire_m_s(speed_m_s: float) -> float:
     """Return the speed as VEHICLE_STATE carries it."""
     return quantised(min(speed_m_s, _SPEED_M_S_MAX), _SPEED_RESOLUTION_M_S)
 
 
-@compiled_inside
+@register_jitable(**INLINE)
+def curvature_on_wire_1_m(curvature_1_m: float) -> float:
+    """Return the curvature at the preview point as VEHICLE_STATE carries it."""
+    clamped_1_m = min(max(curvature_1_m, -_CURVATURE_1_M_MAX), _CURVATURE_1_M_MAX)
+    return quantised(clamped_1_m, _CURVATURE_RESOLUTION_1_M)
+
+
+@register_jitable(**INLINE)
 def wheel_on_wire_rad(wheel_rad: float) -> float:
     """Return the angle of the wheel as STEERING_STATUS carries it."""
     clamped_rad = min(max(wheel_rad, -_WHEEL_RAD_MAX), _WHEEL_RAD_MAX)
     return quantised(clamped_rad, _WHEEL_RESOLUTION_RAD)
 
 
-def _choosing(with_inbox: Callable[..., Any], without: Any = None) -> Callable[..., Any]:
-    """Return a function for compiled code: ``with_inbox``, or a constant without an inbox."""
+def _nothing(*_: Any) -> None:
+    """Do nothing."""
+
+
+def _choosing(
+    with_inbox: Callable[..., Any], without: Callable[..., Any] = _nothing
+) -> Callable[..., Any]:
+    """Return a function for compiled code: ``with_inbox``, or ``without`` an inbox."""
 
     def chosen(*_: Any) -> Any:
         raise NotImplementedError("for compiled code")
 
-    def constant(*_: Any) -> Any:
-        return without
-
     def of_type(inbox: Any, *_: Any) -> Callable[..., Any]:
-        return constant if isinstance(inbox, types.NoneType) else with_inbox
+        return without if isinstance(inbox, types.NoneType) else with_inbox
 
     overload(chosen, strict=False, jit_options=INLINE)(of_type)
     return chosen
 
 
-@compiled_inside
+@register_jitable(**INLINE)
 def _in_one_turn(angle_rad: float) -> float:
     """Return ``math.remainder(angle_rad, math.tau)``, which does not compile; exact, too."""
     rest_rad = float(np.fmod(angle_rad, math.tau))
@@ -204,10 +214,9 @@ def _record(inbox: Inbox, sample: int, z: LinearState, guard: GuardState) -> Non
     heading_rad = _in_one_turn(heading_rad + inbox.heading_noise_rad[sample])
     yaw_rate_rad_s = yaw_rate_rad_s + inbox.yaw_rate_noise_rad_s[sample]
     yaw_rate_rad_s = min(max(yaw_rate_rad_s, -_YAW_RATE_RAD_S_MAX), _YAW_RATE_RAD_S_MAX)
-    curvature_1_m = min(max(curvature_1_m, -_CURVATURE_1_M_MAX), _CURVATURE_1_M_MAX)
     inbox.measured_heading_rad[sample] = quantised(heading_rad, _HEADING_RESOLUTION_RAD)
     inbox.measured_yaw_rate_rad_s[sample] = quantised(yaw_rate_rad_s, _YAW_RATE_RESOLUTION_RAD_S)
-    inbox.measured_curvature_1_m[sample] = quantised(curvature_1_m, _CURVATURE_RESOLUTION_1_M)
+    inbox.measured_curvature_1_m[sample] = curvature_on_wire_1_m(curvature_1_m)
     inbox.wheel_rad[sample] = wheel_on_wire_rad(wheel_rad)
     inbox.status[sample] = status_of(guard, False)
 
@@ -287,7 +296,18 @@ def _record_played(inbox: Inbox, sample: int, steer_rad: float) -> None:
     inbox.played_rad[sample] = steer_rad
 
 
-def _note_now(inbox: Inbox, now: Any, x: Known, tick: int, now_ns: int) -> None:
+def _note_vehicle(
+    _inbox: None, now: Any, _x: None, s: Any, r: Any, tick: int, _now_ns: int
+) -> None:
+    if len(s.tick_state) > 0 and s.tick_state[tick] >= 0:
+        sample = np.uintp(s.tick_state[tick])
+        speed_m_s = speed_on_wire_m_s(r.speed_m_s[sample])
+        curvature_1_m = curvature_on_wire_1_m(r.curvature_1_m[sample])
+        vehicle = VehicleReading(speed_m_s, 0.0, curvature_1_m, s.tick_is_stale[tick] != 0)
+        write(now, Now(vehicle, NOW_UNKNOWN.loop_delay))
+
+
+def _note_now(inbox: Inbox, now: Any, x: Known, _s: Any, _r: Any, tick: int, now_ns: int) -> None:
     speed_m_s = yaw_rate_rad_s = curvature_1_m = 0.0
     is_stale = False
     if x.vehicle_sample >= 0:
@@ -309,18 +329,18 @@ take_command = _choosing(_take_command)
 """(inbox, known, tick, sent_rad, is_planned): returns the knowledge with a tick's command."""
 write_plan = _choosing(_write_plan)
 """(inbox, limits, acting, tick): limits the plan of a tick, if there is one."""
-carries_plan = _choosing(_carries_plan, without=False)
+carries_plan = _choosing(_carries_plan, lambda *_: False)
 """(inbox, tick): whether a tick has sent a plan, which the plant's buffer then holds."""
-play = _choosing(_play, without=math.nan)
+play = _choosing(_play, lambda *_: math.nan)
 """(inbox, sample): returns what the buffer has for a sample, NaN for nothing [rad]."""
 record_played = _choosing(_record_played)
 """(inbox, sample, steer_rad): records what a plan lets act at a sample."""
 nothing_known = _choosing(lambda _inbox: NOTHING_KNOWN)
 """(inbox): returns the knowledge at the start."""
-inbox_history = _choosing(lambda inbox: inbox.rings, without=NO_HISTORY)
+inbox_history = _choosing(lambda inbox: inbox.rings, lambda _inbox: NO_HISTORY)
 """(inbox): returns the history that laws read."""
-note_now = _choosing(_note_now)
-"""(inbox, now, known, tick, now_ns): writes what is known at a tick."""
+note_now = _choosing(_note_now, _note_vehicle)
+"""(inbox, now, known, schedule, records, tick, now_ns): writes what is known at a tick."""
 
 
 def record_place(*_: Any) -> Any:

@@ -249,7 +249,7 @@ def _run_ticks(
         wanted_rad, acting = sent_rad, -1
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
-            note_now(inbox, now_known, known, tick, to_ns)
+            note_now(inbox, now_known, known, s, r, tick, to_ns)
             acting_rad = _acting_rad(s, r, now, sent_rad)
             observed = (law.params, law.state, history, now_known, error_m, acting_rad)
             output = called(law.step, NO_OUTPUT, observed)

@@ -18,7 +18,7 @@ class Constants(NamedTuple):
     ``share``             of its steer that the law may ask for at this speed
     ``share_from_ns``     when the controller first knows the speed
     ``speed_m_s``         that the controller knows, 0 for none; share and params are those for it
-    ``alike_to_m_s``      up to which speed they stay the same
+    ``alike_to_m_s``      up to which speed they stay the same; infinite where the speed is constant
     ``stop_m_s2``         braking of the steering's fallback, 0 for none
     """
 
@@ -45,7 +45,8 @@ class Instants(NamedTuple):
     ``tick_status``     the sample whose STEERING_STATUS is in use at each tick, -1 for none; empty:
                         not needed unless the steering overrules a command
     ``tick_state``      the sample whose VEHICLE_STATE is in use at each tick, -1 for none; empty:
-                        the speed is constant, or the law steers alike at any speed
+                        the speed is constant, and the law does not read the message
+    ``tick_is_stale``   whether that one is stale
     """
 
     tick_ns: IntArray
@@ -56,6 +57,7 @@ class Instants(NamedTuple):
     noise_m: FloatArray
     tick_status: IntArray
     tick_state: IntArray
+    tick_is_stale: IntArray
 
 
 WAITING = 4096

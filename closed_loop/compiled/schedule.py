@@ -144,29 +144,33 @@ def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSch
     )
 
 
-def speed_in_use(
+def vehicle_in_use(
     plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
-) -> IntArray:
-    """Return the sample whose VEHICLE_STATE is in use at each tick, -1 for none."""
-    samples, start_ns = len(schedule.sample_ns), schedule.motion_start_ns
-    arrivals = arrivals_of(Uplink.VEHICLE_STATE, plant, controller.counters, samples, start_ns)
-    in_use = np.searchsorted(arrivals.arrival_ns, schedule.tick_ns, side="right")
-    return np.append(-1, arrivals.sample)[in_use]
+) -> tuple[IntArray, IntArray]:
+    """Return the sample whose VEHICLE_STATE is in use at each tick, -1 for none; if it is stale."""
+    sample, age_ns = _in_use(Uplink.VEHICLE_STATE, plant, controller, schedule)
+    return sample, (age_ns > controller.age_limits.vehicle_state_ns).astype(np.int64)
 
 
 def status_in_use(
     plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
 ) -> IntArray:
     """Return the sample whose STEERING_STATUS is in use at each tick, -1 for none that is fresh."""
-    samples, start_ns = len(schedule.sample_ns), schedule.motion_start_ns
-    arrivals = arrivals_of(Uplink.STEERING_STATUS, plant, controller.counters, samples, start_ns)
-    arrival_ns, tick_ns = arrivals.arrival_ns, schedule.tick_ns
-    if not len(arrival_ns):
-        return np.full(len(tick_ns), -1)
-    in_use = np.searchsorted(arrival_ns, tick_ns, side="right") - 1
-    age_ns = tick_ns - arrival_ns[in_use]
-    is_fresh = (in_use >= 0) & (age_ns <= controller.age_limits.steering_status_ns)
-    return np.where(is_fresh, arrivals.sample[in_use], -1)
+    sample, age_ns = _in_use(Uplink.STEERING_STATUS, plant, controller, schedule)
+    return np.where(age_ns <= controller.age_limits.steering_status_ns, sample, -1)
+
+
+def _in_use(
+    message: Uplink, plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
+) -> tuple[IntArray, IntArray]:
+    """Return the sample of the newest message at each tick, -1 for none, and its age [ns]."""
+    network, samples = plant_network(plant), len(schedule.sample_ns)
+    arrivals = _arrivals(
+        message, network, network.parts, controller.counters, samples, schedule.motion_start_ns
+    )
+    in_use = np.searchsorted(arrivals.arrival_ns, schedule.tick_ns, side="right")
+    age_ns = schedule.tick_ns - np.append(0, arrivals.arrival_ns)[in_use]
+    return np.append(-1, arrivals.sample)[in_use], age_ns
 
 
 def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
@@ -342,11 +346,28 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
 
 def empty_rings(*, keeps_plans: bool) -> History:
     """Return the initial history of ``BusHistory``, as arrays."""
+    rings, arrays = _empty_rings(keeps_plans)
+    return rings._replace(**{name: array.copy() for name, array in arrays.items()})
+
+
+@lru_cache
+def _empty_rings(keeps_plans: bool) -> tuple[History, dict[str, Any]]:
     rings = empty_history(keeps_plans=keeps_plans)
-    arrays: dict[str, Any] = {
-        name: np.array(value) for name, value in rings._asdict().items() if isinstance(value, list)
-    }
-    return rings._replace(**arrays)
+    lists = {name: ring for name, ring in rings._asdict().items() if isinstance(ring, list)}
+    return rings, {name: np.array(ring) for name, ring in lists.items()}
+
+
+@lru_cache(maxsize=_UPLINKS_KEPT)
+def _arrivals(
+    message: Uplink,
+    plant: PlantSettings,
+    _parts: tuple[Part, ...],
+    rule: CounterRule,
+    samples: int,
+    motion_start_ns: int,
+) -> Arrivals:
+    """Return what ``arrivals_of`` does; runs share it."""
+    return arrivals_of(message, plant, rule, samples, motion_start_ns)
 
 
 @lru_cache(maxsize=_UPLINKS_KEPT)

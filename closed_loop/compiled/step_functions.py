@@ -61,6 +61,7 @@ from ...plant_emulator.vehicle.car.steering_choice import (
 from ...plant_emulator.vehicle.motion_choice import MOTIONS
 from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import SettingsError
+from .inlined_functions import INLINE
 from .memory import at, layout_of, on_stack, read, rows_by_address
 
 _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
@@ -91,8 +92,6 @@ _AROUND: dict[type, Callable[..., Any]] = {
 """Steps that wrap a law's step, which is their argument; by the type of their params."""
 _COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
 
-INLINE: Any = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
-"""The entries for callers in C and in Python are not needed and take long to compile."""
 _SOME_K = Correction(*[0.0] * len(Correction._fields))
 _K_BYTES = layout_of(_SOME_K).itemsize
 _SOME_GAINS = VehicleGains._make([*[0.0] * (len(VehicleGains._fields) - 1), 0])

@@ -31,6 +31,8 @@ class LawDesign(NamedTuple):
 
     ``params``         of a law scheduled on speed, those at the lowest speed
     ``initial_state``  the record's ``at_rest``, and ``recovered_state`` its ``after_hold``
+    ``looks_back``     whether it reads more than the first two fields of its ``LawInput``, and
+    ``reads_history``  more than those and speed, curvature and staleness of the vehicle
     ``params_at``      of a law scheduled on speed: its params at a speed [m/s]; else None
     ``mistake``        the last exception of a law from another package; empty for none
     """
@@ -40,6 +42,7 @@ class LawDesign(NamedTuple):
     step: LawStep
     params_at: Callable[[float], Any] | None = None
     looks_back: bool = False
+    reads_history: bool = False
     commands_read: int | None = 1
     heading_gain: float = 0.0
     recovered_state: Callable[[Any, float], Any] | None = None
@@ -66,12 +69,14 @@ def _alone(law: Law, settings: "LawSettings") -> LawDesign:
     params_at = designed.at if isinstance(designed, Schedule) else None
     params = designed if params_at is None else params_at(0.0)
     heading_gain = 0.0 if law.heading_gain is None else law.heading_gain(params)
+    looks_back = law.looks_back or heading_gain != 0.0
     return LawDesign(
         params,
         partial(law.at_rest, params),
         law.step,
         params_at,
-        law.looks_back or heading_gain != 0.0,
+        looks_back,
+        looks_back,
         None if law.commands_read is None else law.commands_read(params),
         heading_gain,
         None if law.after_hold is None else partial(law.after_hold, params),
@@ -127,7 +132,7 @@ def _with_followed_point(law: LawDesign, settings: "LawSettings") -> LawDesign:
 
 
 def _with_params(law: LawDesign, around: Callable[[Any], Any]) -> LawDesign:
-    """Return a law with params around its own, which reads all of its input."""
+    """Return a law with params around its own, which reads the vehicle."""
     at = law.params_at
     return law._replace(
         params=around(law.params),

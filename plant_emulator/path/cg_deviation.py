@@ -87,7 +87,9 @@ def deviation_behind_m(
         if end_along_m < 0.0:
             start_1_m = slope_1_m2 = 0.0
         curvature_1_m = start_1_m + slope_1_m2 * end_along_m
-        there = along_short(poses[end_piece], start_1_m, slope_1_m2, end_along_m)
+        start = poses[end_piece]  # in compiled code a row of an array, which is another type
+        begin = Pose(start.x_m, start.y_m, start.heading_rad)
+        there = along_short(begin, start_1_m, slope_1_m2, end_along_m)
         end = _seen_from(poses[piece], end, there)
     else:
         curvature_1_m -= slope_1_m2 * part_m
