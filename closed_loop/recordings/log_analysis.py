@@ -17,7 +17,7 @@ from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .durations import Durations, History
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency_and_jitter import Latencies
-from .log_file import open_log
+from .log_file import OF_LOCAL_TIME, open_log
 from .log_state import LogError
 from .time_axis import TimeAxis
 
@@ -359,4 +359,6 @@ def analyse_files(
     if channel is not None and not figures["frames"]:
         there = ", ".join(figures["channels"]) or "none is named"
         raise LogError(f"{paths[0]}: no frame of channel {channel}; in the log: {there}")
+    if figures["start"] and any(path.suffix.lower() in OF_LOCAL_TIME for path in paths):
+        figures["start"] = figures["start"].partition("+")[0]
     return AnalysedLog(figures, analysis)

@@ -17,6 +17,8 @@ from .text_formats import READERS, TrcReader
 
 _COMMENTS = ("#", ";", "//")
 _BINARY_SUFFIXES = {".blf", ".mf4"}
+OF_LOCAL_TIME = {".blf", ".trc"}
+"""Their dates are the recorder's, whose time zone they do not tell."""
 
 
 class LogFile:

@@ -41,6 +41,12 @@ class Reading(NamedTuple):
     counter: int
 
 
+def group_of(can_id: int) -> int:
+    """Return the parameter group number of a J1939 identifier: no priority and no addresses."""
+    number = can_id >> 8 & 0x3FFFF
+    return number if number & 0xFF00 >= 0xF000 else number & 0x3FF00
+
+
 class CarMessage:
     """A message of the database, and what the file says of it; it does not change.
 
@@ -49,6 +55,7 @@ class CarMessage:
     ``can_id``, ``flags``  of its frames
     ``carries``            the quantities in it, each in one signal or several
     ``counters``           how many values its counter has, 1 without one
+    ``group``              J1939's number of its parameter group; None for other messages
     ``is_from_any_address``  whether the database leaves J1939's source address open
     """
 
@@ -58,9 +65,8 @@ class CarMessage:
         self.name, self.settings, self.can_id = message.name, settings, message.frame_id
         self.flags = EXTENDED if message.is_extended_frame else 0
         self.flags |= FD | BITRATE_SWITCH if message.is_fd or message.length > 8 else 0
-        self.is_from_any_address = (
-            message.protocol == "j1939" and self.can_id & 0xFF == _NULL_ADDRESS
-        )
+        self.group = group_of(self.can_id) if message.protocol == "j1939" else None
+        self.is_from_any_address = self.group is not None and self.can_id & 0xFF == _NULL_ADDRESS
         self._length = message.length
         padded = padded_length(message.length) or message.length
         self._padding = bytes(padded - message.length)

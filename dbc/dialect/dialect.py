@@ -1,6 +1,6 @@
 """A car's dialect, read from its file and checked against the car's database."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,10 +11,12 @@ from ...runtime.settings import SettingsError, load_settings
 from ...runtime.settings.mistakes import hint
 from ..foreign_messages import load_database
 from ..messages import CAN_IDS, MESSAGE_TYPES, VehicleState
-from .car_message import CarMessage, raw_constant
+from .car_message import CarMessage, group_of, raw_constant
 from .impossible import ambiguity, mistakes_in, refuses_itself
 from .quantities import COMMANDS, SAID_BY
 from .settings import DialectSettings, Quantity
+
+_STANDARD_MAX = 0x7FF
 
 
 class Dialect(NamedTuple):
@@ -48,6 +50,16 @@ class Dialect(NamedTuple):
             one.settings.cycle_ms for one in self.messages if Quantity.STEER in one.carries
         )
         return 1000.0 / cycle_ms
+
+    def of_other_addresses(self, can_ids: Iterable[int]) -> list[str]:
+        """Return, of foreign identifiers, those that are a message of J1939 but for the address."""
+        by_group = {one.group: one for one in self.messages if one.group is not None}
+        return [
+            f"{can_id:08X} has the parameter group of {one.name} ({one.can_id:08X}), but another"
+            f" source address: with FE in {self.database.name} any is read"
+            for can_id in can_ids
+            if can_id > _STANDARD_MAX and (one := by_group.get(group_of(can_id)))
+        ]
 
     def refuse_law(self, law: str) -> None:
         """Raise SettingsError if no signal carries what a law reads but the lateral error.

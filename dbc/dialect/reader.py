@@ -8,7 +8,7 @@ from ...runtime.node.end import End
 from .. import messages as ours
 from ..codec.sender_watch import SenderWatch
 from ..listening import MessageCounts
-from .car_message import CarMessage, Reading, Refused
+from .car_message import CarMessage, Reading, Refused, group_of
 from .dialect import Dialect
 from .translation import FromController, FromPlant
 
@@ -23,7 +23,7 @@ class CarReader:
     def __init__(self, dialect: Dialect, messages: Iterable[CarMessage]) -> None:
         self._known = {(one.can_id, one.flags): one for one in messages}
         self._by_group = {
-            _group(one.can_id): one for one in self._known.values() if one.is_from_any_address
+            group_of(one.can_id): one for one in self._known.values() if one.is_from_any_address
         }
         self._commands, self._measurements = FromController(dialect), FromPlant()
         self._newest: dict[str, int] = {}
@@ -42,7 +42,7 @@ class CarReader:
         """Return the message in a frame, by its group where J1939's address is left open."""
         message = self._known.get((frame.can_id, frame.flags))
         if message is None and self._by_group and frame.flags == EXTENDED:
-            message = self._by_group.get(_group(frame.can_id))
+            message = self._by_group.get(group_of(frame.can_id))
         return message
 
     def note_sent(self, message: ours.Message) -> None:
@@ -90,9 +90,3 @@ class CarReader:
         is_command = message.settings.sender == End.CONTROLLER
         translation = self._commands if is_command else self._measurements
         return translation.frames(message, reading.values, now_ns)
-
-
-def _group(can_id: int) -> int:
-    """Return the parameter group number of a J1939 identifier: no priority and no addresses."""
-    number = can_id >> 8 & 0x3FFFF
-    return number if number & 0xFF00 >= 0xF000 else number & 0x3FF00

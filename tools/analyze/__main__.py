@@ -34,6 +34,7 @@ from steer_by_wire.runtime.command_line import (
     command_parser,
     number,
     run_main,
+    say,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
@@ -161,7 +162,8 @@ def _analyse(
     refuse_another_run(folder, {_SOURCE: source})
     with _all_or_nothing(folder) as partial:
         with ExitStack() as stack:
-            listening = read_language(options.dialect).listening()
+            language = read_language(options.dialect)
+            listening = language.listening()
             exports: list[Export] = [CsvTable(partial / "signals.csv", listening)]
             smoothed = _smoothed(partial, options)
             exports += smoothed
@@ -170,6 +172,9 @@ def _analyse(
             figures, analysis = analyse_files(
                 paths, options.channel, exports, advance, rules, options.preview_m, listening
             )
+        foreign = (int(can_id, 16) for can_id in figures["foreign_ids"])
+        for hint in language.car.of_other_addresses(foreign) if language.car else ():
+            say(NAME, f"warning: {paths[0]}: {hint}", sys.stderr)
         # Only a report needs matplotlib, and an error in the file should be reported before that.
         from steer_by_wire.tools.analyze.pictures import draw_pictures, draw_smoothed
 

@@ -78,12 +78,18 @@ def milliseconds(value_s: float | None, digits: int = 2) -> str:
     return "-" if value_s is None else f"{1e3 * value_s:.{digits}f}"
 
 
+def _start(date: str | None) -> str:
+    if date is None:
+        return "not a date: times count from some start"
+    return date if "+" in date else f"{date}, by the recorder's clock, in a zone it does not tell"
+
+
 def _facts(figures: Mapping[str, Any]) -> Table:
     modes = [f"{name} {time_s:.2f} s" for name, time_s in figures["modes_s"].items() if time_s]
     rows = [
         ("frames", f"{figures['frames']}"),
         ("duration", f"{figures['duration_s']:.3f} s" if figures["has_times"] else "no times"),
-        ("first frame", figures["start"] or "not a date: times count from some start"),
+        ("first frame", _start(figures["start"])),
         ("channels", ", ".join(figures["channels"]) or "not in the log"),
         ("law", ", ".join(figures["laws"]) or "not in the log"),
         ("modes of the controller", ", ".join(modes) or "-"),

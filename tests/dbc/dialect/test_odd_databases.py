@@ -157,3 +157,13 @@ def test_j1939_is_heard_by_its_group_whatever_address_sends(
             listening.hear(Frame(whole, bytes([0, 0, 1, 0, 0, 0, 0, 0]), EXTENDED), 0).name == name
         )
     assert not listening.hear(Frame(0x18F00A00 | source, bytes(8), EXTENDED), 0).name
+
+
+def test_a_j1939_message_of_another_source_address_is_named(tmp_path: Path) -> None:
+    text = CAR.replace("BO_ 512 S", f"BO_ {0x98F0090A} S")
+    text += 'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
+    text += f'BA_DEF_DEF_ "VFrameFormat" "StandardCAN";\nBA_ "VFrameFormat" BO_ {0x98F0090A} 3;\n'
+    _, dialect = mapped(tmp_path, text)
+    named = dialect.of_other_addresses([0x123, 0x18F0090B, 0x18F00A0B])
+    assert [line.partition(" has")[0] for line in named] == ["18F0090B"]
+    assert "of STEERING (18F0090A)" in named[0]
