@@ -1,4 +1,4 @@
-"""A log file, by its suffix: .asc, .blf, .csv, .mf4 or .trc; each other as text of candump.
+"""A log file, by its suffix: .asc, .blf, .csv, .mf4, .trc; each other is candump's or BUSMASTER's.
 
 What cannot be read is counted and costs nothing else. A killed writer leaves a last line without
 its line end. That line is dropped: half a payload would read as a whole frame of a wrong length.
@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from .blf_log import BlfLog
+from .busmaster_log import BEGIN, BusmasterReader
 from .candump_text import candump_reader
 from .log_state import LogError, Logged, LogState, NoFrameError, TextLines
 from .mf4_log import Mf4Log
@@ -71,7 +72,7 @@ def open_log(path: Path) -> LogFile:
 def _text_frames(lines: TextLines, read: Callable[[str], Logged | None] | None) -> Iterator[Logged]:
     """Yield the frames of a text; without a reader for it, of what candump has printed."""
     is_trc = isinstance(read, TrcReader)  # its header is in such lines
-    read = read or candump_reader(lines)
+    read = read or (BusmasterReader() if lines.begins_with(BEGIN) else candump_reader(lines))
     for line in lines:
         if line.lstrip().startswith(_COMMENTS) and not is_trc:
             continue

@@ -112,6 +112,13 @@ class TextLines(LogState):
             raise StopIteration
         return line
 
+    def begins_with(self, text: str) -> bool:
+        """Whether the next line begins so; it is still the next one."""
+        for line in self:
+            self.put_back([line])
+            return line.startswith(text)
+        return False
+
     def put_back(self, lines: list[str]) -> None:
         """Put the newest ``lines`` back before those that are left."""
         self._again.extendleft(reversed(lines))
