@@ -6,6 +6,9 @@ Each loop has a speed, a grip, a law, a lag of the steering, a cycle and a netwo
 both ways. The torque gradient at which it becomes unstable, or stable again, is computed; the two
 nodes then run at 0.98 and at 1.02 times of it, with frames, latency lines and quantised signals,
 and the wheel's swing has to shrink where the loop is stable and to grow where it is not.
+
+The steering has a lag: without one, the force would answer a command within the same instant, a
+cycle earlier than in the analysis.
 """
 
 import sys
@@ -68,7 +71,7 @@ def drawn(number: int) -> Loop:
         law=str(rng.choice(["rack_force", "rack_force", "cdob", "spring"])),
         grip=str(rng.choice(sorted(GRIPS))),
         speed_m_s=float(rng.uniform(20.0, 140.0)) / 3.6,
-        lag_s=float(rng.choice([0.0, 0.01, 0.03, 0.06])),
+        lag_s=float(rng.choice([0.005, 0.01, 0.03, 0.06])),
         damping_n_m_s=float(rng.uniform(0.1, 1.0)),
         cycle_ms=float(rng.choice([2.0, 5.0, 10.0, 20.0])),
         down=int(rng.integers(0, 8)),
@@ -78,7 +81,7 @@ def drawn(number: int) -> Loop:
 
 def is_unstable(loop: Loop, gradient_n_m: float) -> bool:
     """Return what the analysis says of a loop."""
-    rack = Rack(lag_s=max(loop.lag_s, 1e-6))
+    rack = Rack(lag_s=loop.lag_s)
     road = road_torque(loop.vehicle, gradient_n_m, rack)
     if loop.law == "spring":
         of_wheel = np.array([gradient_n_m * rack.steering_ratio, 0.0, 0.0])
