@@ -107,7 +107,7 @@ class ActuatorSettings(Settings):
     """`[actuator]`: ideal by default; a limit that is omitted does not exist."""
 
     published: Literal["autoware", "aiformula", "open_car_dynamics"] | None = None
-    """An actuator with its source (``PUBLISHED``), whose values other keys replace."""
+    """An actuator with its source (``PUBLISHED``); its values replace those of the other keys."""
     lag_s: float = Field(0.0, ge=0.0, le=10.0)
     """0, or at least a microsecond: the motion resolves a nanosecond. With `[car.rack]` that of
     its position loop."""
@@ -119,9 +119,9 @@ class ActuatorSettings(Settings):
 
     @model_validator(mode="before")
     @classmethod
-    def _begin_with_published(cls, given: Any) -> Any:
+    def _is_as_published(cls, given: Any) -> Any:
         name = given.get("published") if isinstance(given, dict) else None
-        return {**PUBLISHED.get(str(name), {}), **given} if name is not None else given
+        return given | PUBLISHED.get(str(name), {}) if name is not None else given
 
     @field_validator("lag_s")
     @classmethod

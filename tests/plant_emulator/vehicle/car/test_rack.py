@@ -223,6 +223,26 @@ def test_a_command_acts_after_the_dead_time(preset: str) -> None:
     assert late.wheel_rad != 0.0
 
 
+@pytest.mark.parametrize(
+    ("name", "lag_s", "dead_time_s", "rate_rad_s"),
+    [
+        ("autoware", 0.27, 0.24, 5.0),
+        ("aiformula", 0.12, 0.04, math.radians(80.0)),
+        ("open_car_dynamics", 0.06, 0.0, 0.5),
+    ],
+)
+def test_a_published_actuator_replaces_that_of_a_preset(
+    name: str, lag_s: float, dead_time_s: float, rate_rad_s: float
+) -> None:
+    """It drives, and its wheel reaches 1 - 1/e of a small step after dead time and lag."""
+    settings = plant_preset("bmw_320i", [f"actuator.published={name}", "path={kind='straight'}"])
+    assert settings.actuator.rate_limit_rad_s == pytest.approx(rate_rad_s, rel=1e-3)
+    motion = Motion(plant_motion_params(settings))
+    motion.command(0.001)
+    motion.advance(round((dead_time_s + lag_s) * 1e9))
+    assert motion.wheel_rad == pytest.approx(0.001 * (1.0 - math.exp(-1.0)), rel=0.01)
+
+
 def test_a_rack_without_a_position_loop_is_refused() -> None:
     with pytest.raises(SettingsError, match=r"car\.rack needs actuator\.lag_s of 0\.005 to 10"):
         plant_preset("bmw_320i", ["car.rack={}", "actuator.lag_s=0"])
