@@ -54,6 +54,9 @@ def open_log(path: Path) -> LogFile:
     inner = Path(path.stem).suffix.lower() if suffix == ".gz" else suffix
     if suffix != inner and inner in _BINARY_SUFFIXES:
         raise LogError(f"{path}: unpack it first (gunzip)")
+    if suffix == ".db":
+        convert = f"python -m can.logconvert {path.name} {path.stem}.blf"
+        raise LogError(f"{path}: a .db of python-can is not read: {convert}")
     if suffix == ".mf4" and find_spec("asammdf") is None:
         raise LogError(f"{path}: .mf4 needs asammdf: pip install asammdf")
     try:

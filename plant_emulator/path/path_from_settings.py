@@ -45,6 +45,8 @@ def build_path(settings: PathSettings) -> Path:
             # Only this kind needs scipy, whose import takes longer than the rest of the start.
             from .waypoints import waypoint_path
 
-            return waypoint_path(settings.file, closed=settings.closed)
+            return waypoint_path(
+                settings.file, closed=settings.closed, spacing_min_m=settings.spacing_min_m
+            )
         case PluginPathSettings():
             return plugin_path(settings.model, settings.own)

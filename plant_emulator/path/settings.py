@@ -135,6 +135,8 @@ class WaypointSettings(Settings):
     """CSV with the header x_m,y_m; relative to the directory the program runs in."""
     closed: bool = False
     """Whether the path continues from the last point to the first."""
+    spacing_min_m: Annotated[float, Field(ge=1e-3, le=100.0)] = 1e-3
+    """A point nearer to the one kept before is left out: more than a receiver wanders at rest."""
 
 
 class PluginPathSettings(Settings):

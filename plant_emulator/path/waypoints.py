@@ -21,7 +21,7 @@ POINTS_MIN = 2
 POINTS_MAX = 100_000
 COORDINATE_MAX_M = 1e8
 """More than any coordinate of a map projection, such as the northing of UTM."""
-DISTANCE_MIN_M = 1e-3
+SPACING_MIN_M = 1e-3
 """Nearer neighbours are one point: on a long path, they would coincide."""
 
 
@@ -33,25 +33,37 @@ class _PointError(ValueError):
         self.index, self.what = index, what
 
 
-def waypoint_path(file: FilePath, *, closed: bool) -> Path:
+def waypoint_path(file: FilePath, *, closed: bool, spacing_min_m: float = SPACING_MIN_M) -> Path:
     """Return the path through a file's points; a closed one returns from the last to the first.
+
+    ``spacing_min_m``  as of ``path_through``
 
     Raises SettingsError in one line that names the file and, where it can, the line in it.
     """
     _, rows = read_number_table(file, (("x_m", "y_m"),))
     points = list(convert_cells(file, rows, _coordinate, f"x_m,y_m within ±{COORDINATE_MAX_M:g}"))
     try:
-        return path_through([(x, y) for x, y in points], closed=closed)
+        pairs = [(x, y) for x, y in points]
+        return path_through(pairs, closed=closed, spacing_min_m=spacing_min_m)
     except _PointError as error:
-        raise SettingsError(f"{file}, line {rows[error.index].line}: {error.what}") from error
+        place = f"{file}, line {rows[error.index].line}"
+        raise SettingsError(
+            f"{place}: {error.what} (path.spacing_min_m leaves near points out)"
+        ) from error
     except ValueError as error:
         raise SettingsError(f"{file}: {error}") from error
 
 
-def path_through(points: Sequence[tuple[float, float]], *, closed: bool = False) -> Path:
+def path_through(
+    points: Sequence[tuple[float, float]],
+    *,
+    closed: bool = False,
+    spacing_min_m: float = SPACING_MIN_M,
+) -> Path:
     """Return the smooth path through points (x [m], y [m]): a cubic spline.
 
-    ``closed``  whether it returns from the last point to the first
+    ``closed``         whether it returns from the last point to the first
+    ``spacing_min_m``  a point nearer to the one kept before is left out
 
     Raises ValueError.
 
@@ -59,7 +71,7 @@ def path_through(points: Sequence[tuple[float, float]], *, closed: bool = False)
     >>> road.closed, round(road.length_m, 2)
     (False, 30.06)
     """
-    kept = _apart(points)
+    kept = _apart(points, spacing_min_m)
     least = POINTS_MIN + closed
     if not least <= len(kept) <= POINTS_MAX:
         raise ValueError(
@@ -86,13 +98,13 @@ def path_through(points: Sequence[tuple[float, float]], *, closed: bool = False)
     return path._replace(pose=poses)
 
 
-def _apart(points: Sequence[tuple[float, float]]) -> list[int]:
+def _apart(points: Sequence[tuple[float, float]], spacing_min_m: float) -> list[int]:
     """Return the indices of the points that lie apart from the one kept before."""
     kept: list[int] = []
     for index, (x, y) in enumerate(points):
         if kept:
             last_x, last_y = points[kept[-1]]
-            if (x - last_x) ** 2 + (y - last_y) ** 2 < DISTANCE_MIN_M**2:
+            if (x - last_x) ** 2 + (y - last_y) ** 2 < spacing_min_m**2:
                 continue
         kept.append(index)
     return kept

@@ -266,6 +266,18 @@ def test_two_points_and_points_of_a_receiver_at_rest_make_a_path() -> None:
     assert path_through(resting) == path_through([(10.0 * i, i % 2) for i in range(6)])
 
 
+def test_a_receiver_that_wanders_at_rest_gives_the_path_without_its_halt() -> None:
+    rng = np.random.default_rng(58)
+    driven = [(2.0 * i, 20.0 * math.sin(i / 30.0)) for i in range(120)]
+    halt = driven[60] + rng.uniform(-0.5, 0.5, (40, 2))
+    points = [*driven[:61], *(tuple(point) for point in halt), *driven[61:]]
+    with pytest.raises(ValueError, match="bends too sharply"):
+        path_through(points)
+    path, without = (path_through(each, spacing_min_m=3.0) for each in (points, driven))
+    apart_m = [math.dist(pose(path, s_m)[:2], pose(without, s_m)[:2]) for s_m in range(0, 240, 5)]
+    assert max(apart_m) < 0.2
+
+
 def test_a_hundred_thousand_points_make_a_path() -> None:
     path = path_through([(0.5 * i, 3.0 * math.sin(0.01 * i)) for i in range(100_000)])
     assert path.length_m == pytest.approx(0.5 * 99_999, rel=1e-2)
