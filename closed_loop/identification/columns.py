@@ -103,6 +103,14 @@ def read_columns(file: Path, mapping: Path | None = None) -> list[Channel]:
     ]
 
 
+def is_table(file: Path) -> bool:
+    """Return whether a file is a table of time series, and no log of a bus."""
+    if ".csv" not in file.suffixes:
+        return False
+    names = column_names(file)
+    return "arbitration_id" not in names and len(names) > 1
+
+
 def _number(text: str) -> float:
     return float(text) if text else math.nan
 

@@ -152,6 +152,7 @@ def figures_of(
             grown = np.exp(min(half / value, 9.0))
             low, high = value / grown, value * grown
         low, high = bounds.of(quantity, low, high)
+        low = max(low, 0.0) if quantity.unit in _POSITIVE else low
         enough = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
         enough = _ENOUGH.get(quantity.name, enough)
         note, verdict = "", Verdict.IDENTIFIED

@@ -30,6 +30,7 @@ _VEHICLE = (
     "rear_cornering_stiffness_n_rad",
     "front_axle_distance_m",
     "rear_axle_distance_m",
+    "preview_distance_m",
 )
 _CAR = ("friction", "cg_height_m", "front_relaxation_m", "rear_relaxation_m")
 

@@ -4,7 +4,9 @@
     steer-by-wire identify --predict out/car/vehicle.toml another_drive.csv
 
 LOG is a CSV of time series, whose columns have names that end in units (hand_wheel_rad, speed_m_s,
-yaw_rate_rad_s, ...) or are mapped by --columns; `identify new LOG` proposes such a mapping.
+yaw_rate_rad_s, ...) or are mapped by --columns; `identify new LOG` proposes such a mapping. Or it
+is any log of the bus that analyze reads: then actuator.toml and network.toml are of commands and
+echoes, too.
 """
 
 import argparse
@@ -14,22 +16,35 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
 from steer_by_wire.closed_loop.identification.columns import (
+    is_table,
     joined,
     proposed_mapping,
     read_columns,
 )
-from steer_by_wire.closed_loop.identification.figures import Figure
+from steer_by_wire.closed_loop.identification.delay_margin import DelayMargin, delay_margin
+from steer_by_wire.closed_loop.identification.figures import Figure, Verdict
 from steer_by_wire.closed_loop.identification.fit import EVALUATIONS_MAX, Progress
 from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
+from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
 from steer_by_wire.closed_loop.identification.parameters import Known
-from steer_by_wire.closed_loop.identification.time_series import Channel, Drive, make_drive
+from steer_by_wire.closed_loop.identification.steering import Steering, identify_steering
+from steer_by_wire.closed_loop.identification.time_series import (
+    Channel,
+    Drive,
+    Quantity,
+    make_drive,
+)
 from steer_by_wire.closed_loop.identification.vehicle_file import (
     figure_line,
     read_vehicle,
     vehicle_toml,
 )
+from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.closed_loop.reports.terminal import plain_console
+from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
+from steer_by_wire.plant_emulator.vehicle.settings import LAG_S_MIN
 from steer_by_wire.runtime.command_line import (
     add_out_argument,
     command_parser,
@@ -40,7 +55,7 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.report import write_json
-from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.runtime.settings import SettingsError, load_settings
 
 NAME = "steer-by-wire identify"
 _NEW = "new"
@@ -68,6 +83,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--predict", type=Path, metavar="VEHICLE.toml",
         help="do not identify: print how well a vehicle predicts LOG",
     )  # fmt: skip
+    parser.add_argument(
+        "--controller", metavar="PRESET",
+        help="whose tolerated delays are told (default: highway_pd, below 8 m/s practical_pd)",
+    )  # fmt: skip
+    add_dialect_argument(parser, "read the messages of a car")
     add_out_argument(parser, "out/identified", "folder for the results")
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -78,7 +98,9 @@ def _run(options: argparse.Namespace) -> int:
         for log in options.logs[1:]:
             print(proposed_mapping(log), end="")
         return ExitStatus.OK
-    drive = _drive(options)
+    channels, bus = _read(options)
+    steering = None if bus is None else _steering(bus)
+    drive = _drive(options, channels)
     if options.predict is not None:
         prediction = predict(drive, read_vehicle(options.predict))
         for note in prediction.notes:
@@ -88,19 +110,65 @@ def _run(options: argparse.Namespace) -> int:
     known = Known() if options.known is None else load_settings(Known, file=options.known)
     known.check(str(options.known))
     found = identify(drive, known, _progress())
-    _write(options, found)
-    for line in _lines(found):
+    figures = [*found.figures, *(() if steering is None else steering.figures)]
+    notes = [*found.notes, *(() if steering is None else steering.notes)]
+    margin = delay_margin(found.found, found.speed_m_s, options.controller)
+    advice = _advice(margin, found, figures)
+    _write(options, found, figures, advice, bus, steering)
+    lines = [f"note: {note}" for note in notes]
+    lines += [figure_line(figure) for figure in figures]
+    lines += [f"{doubt.what}: {doubt.result}" for doubt in found.doubts]
+    lines += [f"residual of yaw rate: {found.residual_percent:.2f} %", *advice]
+    for line in [*lines, f"files: {options.out}"]:
         show(line)
-    show(f"files: {options.out}")
     return ExitStatus.OK
 
 
-def _drive(options: argparse.Namespace) -> Drive:
-    channels = joined([read_columns(log, options.columns) for log in options.logs])
+def _read(options: argparse.Namespace) -> tuple[list[Channel], BusLog | None]:
+    """Return the channels of all logs, and what a log of the bus has besides."""
+    if options.columns is not None or all(map(is_table, options.logs)):
+        return joined([read_columns(log, options.columns) for log in options.logs]), None
+    try:
+        bus = read_bus(options.logs, None, read_language(options.dialect))
+    except LogError as error:
+        raise SettingsError(str(error)) from error
+    return bus.channels, bus
+
+
+def _steering(bus: BusLog) -> Steering | None:
+    wheels = [one for one in bus.channels if one.quantity is Quantity.WHEEL]
+    if not wheels or len(bus.command_rad) != len(wheels[0].values):
+        return None
+    return identify_steering(wheels[0].time_s, wheels[0].values, bus.command_rad)
+
+
+def _drive(options: argparse.Namespace, channels: Sequence[Channel]) -> Drive:
     return make_drive(
         (_between(one, options.start_s, options.end_s) for one in channels),
         ", ".join(log.name for log in options.logs),
     )
+
+
+def _advice(
+    margin: DelayMargin, found: Identification, figures: Sequence[Figure]
+) -> list[str]:  # fmt: skip
+    """Return what is said of delays, and what to measure next."""
+    by_name = {one.name: one for one in figures}
+    own = by_name.get("actuator:delay_and_lag_s", by_name["delay_and_lag_s"])
+    lines = [
+        f"{margin.controller} at {3.6 * found.speed_m_s:.0f} km/h survives constant delays up to"
+        f" {1e3 * margin.margin_s:.0f} ms [{1e3 * margin.low_s:.0f}, {1e3 * margin.high_s:.0f}], of"
+        f" which the steering's own delay and lag take about {1e3 * own.value:.0f} ms"
+        f" [{1e3 * own.low:.0f}, {1e3 * own.high:.0f}]"
+    ]
+    if margin.share > 0.5:
+        assumed = {one.name for one in found.found.problem.assumed}
+        how = "weigh the axles" if margin.narrows == "front_share" else "measure it"
+        how = f"{how}, and tell it by --known" if margin.narrows in assumed else "drive more of it"
+        name = "front_axle_distance_m" if margin.narrows == "front_share" else margin.narrows
+        lines.append(f"most of that interval comes from {name}: {how}")
+    wanted = {one.note for one in figures if one.verdict is Verdict.NOT_IDENTIFIABLE}
+    return lines + [f"next: {note}" for note in sorted(wanted) if note.startswith("drive")]
 
 
 def _between(channel: Channel, start_s: float | None, end_s: float | None) -> Channel:
@@ -125,23 +193,42 @@ def _progress() -> Progress:
     return advance
 
 
-def _lines(found: Identification) -> list[str]:
-    lines = [f"note: {note}" for note in found.notes]
-    lines += [figure_line(figure) for figure in found.figures]
-    lines += [f"{doubt.what}: {doubt.result}" for doubt in found.doubts]
-    lines.append(f"residual of yaw rate: {found.residual_percent:.2f} %")
-    return lines
+def _write(
+    options: argparse.Namespace,
+    found: Identification,
+    figures: Sequence[Figure],
+    advice: Sequence[str],
+    bus: BusLog | None,
+    steering: Steering | None,
+) -> None:
+    from steer_by_wire.tools.identify.report import report_html  # loads matplotlib
 
-
-def _write(options: argparse.Namespace, found: Identification) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     source = ", ".join(log.name for log in options.logs)
     text = vehicle_toml(found.found, found.figures, found.speed_m_s, source)
     write_text(options.out / "vehicle.toml", text)
-    write_json(options.out / "report.json", _record(found))
+    if steering is None:
+        total = {one.name: one for one in found.figures}["delay_and_lag_s"]
+        lag_s = max(total.value, 0.0)
+        text = f"# The sum of delay and lag, as a lag; sensors included.\n# {figure_line(total)}\n"
+        table = {"lag_s": lag_s if lag_s >= LAG_S_MIN else 0.0}
+    else:
+        text = "".join(f"# {figure_line(one)}\n" for one in steering.figures)
+        table = steering.table
+    lines = "".join(f"{key} = {value:.6g}\n" for key, value in table.items())
+    write_text(options.out / "actuator.toml", f"{text}\n[actuator]\n{lines}")
+    network = None if bus is None else network_toml(bus.figures, bus.latencies)
+    if bus is not None and network is not None:
+        write_text(options.out / "network.toml", network)
+        for way in ("downlink", "uplink"):
+            write_text(options.out / f"{way}.csv", trace_csv(bus.latencies.history[way]))
+    write_json(options.out / "report.json", _record(found, figures, advice))
+    write_text(options.out / "report.html", report_html(found, advice, figures))
 
 
-def _record(found: Identification) -> dict[str, object]:
+def _record(
+    found: Identification, figures: Sequence[Figure], advice: Sequence[str]
+) -> dict[str, object]:
     def of(figure: Figure) -> dict[str, object]:
         ends = [None if abs(end) == float("inf") else end for end in (figure.low, figure.high)]
         return {
@@ -153,10 +240,11 @@ def _record(found: Identification) -> dict[str, object]:
         }
 
     return {
-        "figures": {figure.name: of(figure) for figure in found.figures},
+        "figures": {figure.name: of(figure) for figure in figures},
         "residual_percent": found.residual_percent,
         "tests": [doubt._asdict() for doubt in found.doubts],
         "notes": list(found.notes),
+        "delays": list(advice),
     }
 
 

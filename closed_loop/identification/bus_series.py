@@ -1,0 +1,123 @@
+"""Channels, steering and latencies from a log of the bus, in our language or a car's.
+
+A plant's messages are numbered: the times at which it sensed are evenly spaced, whatever the
+network did to the frames. A car's are taken at the times at which they came.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...controller.history.echo_delay import unwrapped
+from ...dbc.bus_language import BusLanguage
+from ...dbc.codec.protection import COUNTERS
+from ...dbc.messages import (
+    SteeringCommand,
+    SteeringPlan,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+)
+from ...runtime.array_types import FloatArray
+from ..recordings.bus_listener import command_at
+from ..recordings.latency_and_jitter import Latencies
+from ..recordings.log_analysis import LoggedMessages, analyse_files
+from .time_series import Channel, Quantity
+
+_SAMPLES_MIN = 50
+
+
+class BusLog(NamedTuple):
+    """What a log of the bus holds.
+
+    ``command_rad``  the command in effect at each sample of the wheel; NaN where it is not known
+    """
+
+    channels: list[Channel]
+    command_rad: FloatArray
+    figures: dict[str, Any]
+    latencies: Latencies
+
+
+class _Collector:
+    """Collects samples of the plant's messages: number, arrival and values."""
+
+    def __init__(self) -> None:
+        self.rows = defaultdict[type, list[tuple[float, ...]]](list)
+        self._commands: dict[int, SteeringCommand | SteeringPlan] = {}
+        self._numbers: dict[type, int] = {}
+
+    def write(self, taken: LoggedMessages) -> None:
+        """Take the messages in a frame."""
+        for _, message, counter, _, _ in taken.messages:
+            if isinstance(message, SteeringCommand | SteeringPlan):
+                self._commands[command_at(message, 0).command_counter] = message
+            elif isinstance(message, SteeringStatus):
+                row = message.wheel_angle_rad, self._in_effect_rad(message, counter)
+                self._add(SteeringStatus, counter, taken.at_s, *row)
+            elif isinstance(message, VehicleState):
+                row = message.speed_m_s, message.yaw_rate_rad_s
+                self._add(VehicleState, counter, taken.at_s, *row)
+
+    def _add(self, kind: type, counter: int, *row: float) -> None:
+        number = unwrapped(counter, self._numbers.get(kind, counter - 1) + 1, COUNTERS)
+        self._numbers[kind] = number
+        self.rows[kind].append((number, *row))
+
+    def _in_effect_rad(self, status: SteeringStatus, counter: int) -> float:
+        command = self._commands.get(status.applied_counter)
+        if command is None or status.status is not SteeringStatusCode.APPLYING:
+            return float("nan")
+        return command_at(command, counter).steer_rad
+
+    def close(self) -> None:
+        """Leave what was collected."""
+
+
+def read_bus(paths: Sequence[Path], channel: str | None, language: BusLanguage) -> BusLog:
+    """Return what the files of one log hold; raises LogError."""
+    collector = _Collector()
+    figures, analysis = analyse_files(
+        paths, channel, [collector], listening=language.listening()
+    )  # fmt: skip
+    channels, command_rad = list[Channel](), np.empty(0)
+    lacking = language.missing
+    for kind, quantities in (
+        (SteeringStatus, (Quantity.WHEEL, None)),
+        (VehicleState, (Quantity.SPEED, Quantity.YAW_RATE)),
+    ):
+        rows = np.array(collector.rows[kind])
+        if len(rows) < _SAMPLES_MIN:
+            continue
+        rows = rows[np.concatenate(([True], np.diff(rows[:, 0]) > 0.0))]
+        time_s = _sensing_times(rows[:, 0], rows[:, 1], of_ours=language.file is None)
+        if channels and language.file is None:
+            # One sample of the plant gives both messages.
+            time_s = time_s - _off_grid_s(time_s, channels[0])
+        for quantity, values in zip(quantities, rows.T[2:], strict=True):
+            if quantity is None:
+                command_rad = values
+            elif str(quantity) not in lacking:
+                channels.append(Channel(str(quantity), quantity, time_s, values))
+    return BusLog(channels, command_rad, figures, analysis.latencies)
+
+
+def _off_grid_s(time_s: FloatArray, grid: Channel) -> float:
+    """Return by how much times are later than those of a grid, by the nearest of it."""
+    off = (time_s - grid.time_s[0]) / grid.period_s
+    return float(np.median(off - np.round(off))) * grid.period_s
+
+
+def _sensing_times(number: FloatArray, arrival_s: FloatArray, *, of_ours: bool) -> FloatArray:
+    """Return evenly spaced times, as long as they explain when the samples came."""
+    if not of_ours:
+        return np.maximum.accumulate(arrival_s + 1e-9 * np.arange(len(arrival_s)))
+    period_s, start_s = np.polyfit(number, arrival_s, 1)
+    even: FloatArray = start_s + period_s * number
+    late = arrival_s - even
+    # A plant that was restarted, or samples that were skipped: two stretches of numbers.
+    stretches = np.flatnonzero(np.abs(np.diff(late)) > 0.5)
+    return even if not len(stretches) else np.maximum.accumulate(arrival_s)

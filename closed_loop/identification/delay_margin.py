@@ -1,0 +1,91 @@
+"""Delays that a controller survives with an identified car, over the interval of all parameters.
+
+Cars are drawn from the covariance of the fit; the controller is designed for the car in the middle.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...controller.analysis.check_figures import loop_around, stable_delays_of
+from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns
+from ...controller.filters.nominal_model import NominalVehicle
+from ...controller.settings import PRESETS, ControllerSettings
+from ...plant_emulator.vehicle.settings import VehicleSettings
+from ...runtime.array_types import FloatArray
+from ...runtime.node import NS_PER_S
+from ...runtime.settings import SharedTable, load_settings, read_preset
+from .fit import Fit
+from .parameters import car_tables
+
+DRAWS = 40
+_SEED = 1
+FAST_M_S = 8.0
+
+
+class DelayMargin(NamedTuple):
+    """Constant delay at which stability is first lost [s], and its interval of 95 %.
+
+    ``narrows``  the parameter that the margin depends on most
+    ``share``    of the margin's variance that goes with it
+    """
+
+    controller: str
+    margin_s: float
+    low_s: float
+    high_s: float
+    narrows: str
+    share: float
+
+
+def delay_margin(found: Fit, speed_m_s: float, controller: str | None = None) -> DelayMargin:
+    """Return the margin of a controller's preset; by default a PD of the log's speed."""
+    name = controller or ("highway_pd" if speed_m_s > FAST_M_S else "practical_pd")
+    middle = _nominal(found, found.x, speed_m_s)
+    model = {"kind": "vehicle", **middle._asdict()}
+    settings = load_settings(
+        ControllerSettings,
+        read_preset(PRESETS, name),
+        shared=SharedTable("the identified vehicle", {"nominal_model": model}),
+    )
+    margin_s = _margin_s(settings, middle)
+    drawn = _draws(found)
+    margins_s = np.array([_margin_s(settings, _nominal(found, x, speed_m_s)) for x in drawn])
+    spread = drawn.std(axis=0)
+    off = (drawn - drawn.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+    swing = margins_s - margins_s.mean()
+    shares = (off.T @ swing) ** 2 / len(drawn) / max(float(swing @ swing), 1e-300)
+    most = int(np.argmax(shares))
+    # Of 40, the second and the last but one lie near the ends of 95 %.
+    low_s, high_s = np.sort(margins_s)[[1, -2]]
+    return DelayMargin(
+        name,
+        margin_s,
+        float(min(low_s, margin_s)),
+        float(max(high_s, margin_s)),
+        found.problem.coordinates[most].name,
+        float(shares[most]),
+    )
+
+
+def _draws(found: Fit) -> FloatArray:
+    """Return drawn coordinates, shape (DRAWS, p), within their limits."""
+    widened = found.covariance * (found.critical / 1.96) ** 2
+    rng = np.random.default_rng(_SEED)
+    drawn = rng.multivariate_normal(found.x, widened, DRAWS, check_valid="ignore", method="eigh")
+    low = [one.low for one in found.problem.coordinates]
+    high = [one.high for one in found.problem.coordinates]
+    return np.clip(drawn, low, high)
+
+
+def _nominal(found: Fit, x: FloatArray, speed_m_s: float) -> NominalVehicle:
+    vehicle, _ = car_tables(found.problem.values(x), found.problem.known)
+    names = set(NominalVehicle._fields) & set(VehicleSettings.model_fields)
+    values = {name: getattr(vehicle, name) for name in names}
+    return NominalVehicle(**{**values, "speed_m_s": speed_m_s})
+
+
+def _margin_s(settings: ControllerSettings, vehicle: NominalVehicle) -> float:
+    stable = stable_delays_of(loop_around(settings, vehicle, {}), DELAY_NS_MAX)
+    margin_ns = delay_margin_ns(stable)
+    return (DELAY_NS_MAX if margin_ns is None else margin_ns) / NS_PER_S

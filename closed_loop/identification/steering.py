@@ -1,0 +1,142 @@
+"""The steering actuator from commands and the wheel: lag, dead time, play and fastest motion.
+
+    goal = the point nearest to the wheel within ± b of u(t − D),   δ̇ = (goal − δ)/T
+
+A command takes effect somewhere within a period of the plant's samples; where is on no frame. So a
+dead time is known only within a period, and a rate limit only as the fastest motion seen.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from math import exp
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ...runtime.array_types import FloatArray
+from ..compiled.compilation import compiled
+from .figures import Figure, Verdict
+
+_SAMPLES_MIN = 200
+_STEPS = 10
+"""Of the model per sample."""
+_QUANTUM_RAD = 1e-5
+_UNEXPLAINED_MAX = 0.05
+
+
+class Steering(NamedTuple):
+    """Figures of an actuator, and the table for the plant."""
+
+    figures: list[Figure]
+    table: dict[str, float]
+    notes: list[str]
+
+
+def identify_steering(
+    time_s: FloatArray, wheel_rad: FloatArray, command_rad: FloatArray
+) -> Steering | None:
+    """Return what commands and wheel tell, or None where too few commands are known."""
+    period_s = float(np.median(np.diff(time_s)))
+    # With a place for each sample that was lost.
+    places = np.round((time_s - time_s[0]) / period_s).astype(np.int64)
+    wheel, command = np.full((2, int(places.max()) + 1), np.nan)
+    wheel[places], command[places] = wheel_rad, command_rad
+    first = int(np.argmax(np.isfinite(command)))
+    wheel, command = wheel[first:], command[first:]
+    known = np.isfinite(command)
+    if known.sum() < _SAMPLES_MIN or np.ptp(command[known]) < 20 * _QUANTUM_RAD:
+        return None
+    numbers = np.arange(len(command))
+    command = command[known][np.searchsorted(numbers[known], numbers, side="right") - 1]
+    judged = known.copy()
+    judged[: round(1.0 / period_s)] = False
+
+    def errors(x: FloatArray) -> FloatArray:
+        seen = np.empty(len(command))
+        lag_s, dead_s, play_rad = x * scale
+        _follow(command, wheel[0], period_s / _STEPS, lag_s, dead_s / period_s, play_rad, seen)
+        off: FloatArray = (wheel - seen)[judged] / _QUANTUM_RAD
+        return off
+
+    scale = np.array([0.02, 0.02, 1e-3])
+    starts = [(lag, dead, 0.1) for lag in (1.0, 8.0) for dead in (0.5, 5.0)]
+    limits = ([5e-3, 0.0, 0.0], [100.0, 50.0, 50.0])
+    found = min(
+        (
+            least_squares(errors, x, bounds=limits, jac=partial(_differences, errors))
+            for x in starts
+        ),
+        key=lambda one: float(one.cost),
+    )
+    spread = np.sqrt(np.mean(found.fun**2))
+    information = found.jac.T @ found.jac
+    deviations = max(spread, 0.3) * np.sqrt(np.diagonal(np.linalg.pinv(information))) * scale
+    half = 1.96 * deviations
+    lag_s, dead_s, play_rad = found.x * scale
+    fastest = float(np.nanmax(np.abs(np.diff(wheel))) / period_s)
+    unexplained = float(spread * _QUANTUM_RAD / np.nanstd(wheel))
+    figures = [
+        _figure("lag_s", "s", lag_s, max(lag_s - half[0], 0.0), lag_s + half[0], 0.1 * lag_s),
+        _figure(
+            "dead_time_s", "s", max(dead_s - 0.5 * period_s, 0.0),
+            max(dead_s - half[1] - period_s, 0.0), dead_s + half[1], period_s,
+        ),
+        _figure(
+            "delay_and_lag_s", "s", lag_s + max(dead_s - 0.5 * period_s, 0.0),
+            max(lag_s + dead_s - period_s - half[1], 0.0), lag_s + dead_s + half[1], period_s,
+        ),
+        _figure(
+            "dead_band_rad", "rad", play_rad, max(play_rad - half[2], 0.0), play_rad + half[2], 2e-4
+        ),
+        Figure(
+            "rate_limit_rad_s", "rad/s", fastest, fastest, np.inf, Verdict.NOT_IDENTIFIABLE,
+            "only the fastest motion seen; command a large step to find the limit",
+        ),
+    ]  # fmt: skip
+    table = {"lag_s": float(lag_s), "dead_time_s": max(float(dead_s) - 0.5 * period_s, 0.0)}
+    if play_rad - half[2] > 0.0:
+        table["dead_band_rad"] = float(play_rad)
+    notes = []
+    if unexplained > _UNEXPLAINED_MAX:
+        why = (
+            f"{100.0 * unexplained:.0f} % of the wheel's motion is not explained: a limit of jerk"
+            " or rate before the wheel acts, which is on no frame; log the guard's output"
+        )
+        notes.append(f"steering: {why}")
+        figures = [
+            one._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=why) for one in figures
+        ]  # fmt: skip
+    return Steering(figures, table, notes)
+
+
+def _differences(errors: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
+    """Return the derivatives by steps wide enough for a wheel of finite resolution."""
+    here = errors(x)
+    return np.column_stack([(errors(x + 0.01 * row) - here) / 0.01 for row in np.eye(len(x))])
+
+
+def _figure(name: str, unit: str, value: float, low: float, high: float, enough: float) -> Figure:
+    sure = high - low <= 2.0 * enough + 1e-9
+    verdict = Verdict.IDENTIFIED if sure else Verdict.NOT_IDENTIFIABLE
+    note = "" if sure else "command steps of the wheel"
+    return Figure(f"actuator:{name}", unit, float(value), float(low), float(high), verdict, note)
+
+
+@compiled
+def _follow(
+    command: Any, wheel_rad: float, h_s: float, lag_s: float, dead: float, play: float, seen: Any
+) -> None:
+    kept = exp(-h_s / lag_s)
+    last = len(command) - 1
+    for sample in range(len(command)):
+        seen[sample] = wheel_rad
+        for step in range(_STEPS):
+            # As if each command had come right behind the sample before the first to name it.
+            place = max(sample + 1.0 + step / _STEPS - dead, 0.0)
+            at = min(int(place), last)
+            # A switch within this step counts by its share, which keeps the errors smooth.
+            newer = min((place - int(place)) * _STEPS + 0.5, 1.0)
+            target = newer * command[at] + (1.0 - newer) * command[max(at - 1, 0)]
+            goal = min(max(wheel_rad, target - play), target + play)
+            wheel_rad = goal + (wheel_rad - goal) * kept

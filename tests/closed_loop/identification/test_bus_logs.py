@@ -1,0 +1,109 @@
+"""Logs of the bus: steering, network, and channels of the plant's messages."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
+from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
+from steer_by_wire.closed_loop.identification.steering import identify_steering
+from steer_by_wire.closed_loop.identification.time_series import Quantity
+from steer_by_wire.dbc.bus_language import BusLanguage
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.tools.run.__main__ import main as run
+
+LAG_S, DEAD_S = 0.06, 0.02
+NETWORK = {
+    "latency.downlink.mean_s": 0.085,
+    "latency.downlink.model": "gamma",
+    "latency.downlink.spread_s": 0.02,
+    "latency.uplink.mean_s": 0.03,
+    "latency.uplink.model": "gamma",
+    "latency.uplink.spread_s": 0.01,
+    "latency.uplink.loss": 0.02,
+    "actuator.lag_s": LAG_S,
+    "actuator.dead_time_s": DEAD_S,
+    "duration_s": 40,
+}
+
+
+@pytest.fixture(scope="module")
+def bus(tmp_path_factory) -> BusLog:
+    out = tmp_path_factory.mktemp("bus") / "run"
+    settings = [
+        word for key, value in NETWORK.items() for word in ("--set", f"plant.{key}={value}")
+    ]
+    presets = ["--preset", "highway_nominal", "--preset", "highway_pd"]
+    run([*presets, *settings, "--ideal-wire", "--out", str(out)])
+    return read_bus([out / "candump.log"], None, BusLanguage())
+
+
+@cache
+def follower(lag_s: float, dead_s: float, play_rad: float) -> tuple[np.ndarray, ...]:
+    """Samples of a wheel that follows commands, in steps of a tenth of a millisecond."""
+    rng = np.random.default_rng(1)
+    time_s = np.arange(0.0, 30.0, 0.01)
+    command = 0.05 * np.sin(2.0 * time_s) * np.repeat(rng.uniform(-1.0, 1.0, 30), 100)
+    wheel, seen = command[0], []
+    for step in range(100 * len(time_s)):
+        if step % 100 == 0:
+            seen.append(wheel)
+        # A command comes in the middle between two samples.
+        at = min(max(int((step + 50) / 100 - dead_s / 0.01), 0), len(command) - 1)
+        goal = min(max(wheel, command[at] - play_rad), command[at] + play_rad)
+        wheel += 1e-4 / lag_s * (goal - wheel)
+    return time_s, np.round(np.array(seen), 5), command
+
+
+@pytest.mark.parametrize(("lag_s", "dead_s", "play_rad"), [(0.05, 0.0, 0.0), (0.15, 0.04, 0.002)])
+def test_lag_dead_time_and_play_lie_in_their_intervals(lag_s, dead_s, play_rad) -> None:
+    found = identify_steering(*follower(lag_s, dead_s, play_rad))
+    figures = {one.name.removeprefix("actuator:"): one for one in found.figures}
+    assert figures["lag_s"].value == pytest.approx(lag_s, rel=0.02)
+    assert figures["dead_time_s"].low - 5e-4 <= dead_s <= figures["dead_time_s"].high + 5e-4
+    assert figures["dead_band_rad"].value == pytest.approx(play_rad, abs=2e-4)
+
+
+def test_a_network_is_told_as_it_was_sent(bus) -> None:
+    text = network_toml(bus.figures, bus.latencies)
+    latency = load_settings(PlantSettings, overrides=_overrides(text)).latency
+    assert latency.downlink.mean_s == pytest.approx(0.085, abs=0.004)
+    assert latency.downlink.spread_s == pytest.approx(0.02, rel=0.15)
+    assert latency.uplink.mean_s == pytest.approx(0.03, abs=0.002)
+    assert latency.uplink.spread_s == pytest.approx(0.01, rel=0.15)
+    assert latency.uplink.loss == pytest.approx(0.02, abs=0.01)
+    assert "overtaken" in text
+
+
+def _overrides(text: str) -> list[str]:
+    way, lines = "", []
+    for line in text.splitlines():
+        if line.startswith("["):
+            way = line.strip("[]")
+        elif "=" in line and not line.startswith("#"):
+            key, value = line.split(" = ")
+            lines.append(f"{way}.{key}={value}")
+    return lines
+
+
+def test_a_trace_of_a_log_is_one_that_the_plant_reads(bus, tmp_path) -> None:
+    file = tmp_path / "uplink.csv"
+    file.write_text(trace_csv(bus.latencies.history["uplink"]))
+    override = f"latency.uplink.trace_file={file}"
+    assert load_settings(PlantSettings, overrides=[override]).latency.uplink.trace_file == file
+
+
+def test_the_steering_of_a_run_lies_within_a_period(bus) -> None:
+    (wheel,) = [one for one in bus.channels if one.quantity is Quantity.WHEEL]
+    found = identify_steering(wheel.time_s, wheel.values, bus.command_rad)
+    figures = {one.name.removeprefix("actuator:"): one for one in found.figures}
+    total = figures["delay_and_lag_s"]
+    assert total.low - 0.002 <= LAG_S + DEAD_S <= total.high + 0.002
+
+
+def test_samples_of_a_plant_are_evenly_spaced(bus) -> None:
+    for channel in bus.channels:
+        steps = np.diff(channel.time_s) / channel.period_s
+        assert np.abs(steps - np.round(steps)).max() < 0.01

@@ -1,0 +1,126 @@
+"""The page of ``steer-by-wire identify``: pictures, intervals, and what to drive next."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure as Canvas
+from scipy.signal import csd
+
+from steer_by_wire.closed_loop.identification.figures import Figure, Verdict
+from steer_by_wire.closed_loop.identification.identified import Identification
+from steer_by_wire.closed_loop.identification.response import STEP_S, respond, seen
+from steer_by_wire.closed_loop.reports.page import Cell, Picture, Section, Table, number, page
+from steer_by_wire.closed_loop.reports.plot_style import plot_style, png_of
+
+_MARKS = {Verdict.IDENTIFIED: "good", Verdict.COMBINATION: "fair", Verdict.NOT_IDENTIFIABLE: "poor"}
+_WINDOW_S, _HZ_MAX, _COHERENT = 8.0, 4.0, 0.8
+
+
+def report_html(found: Identification, lines: Sequence[str], figures: Sequence[Figure]) -> str:
+    """Return the page; ``lines`` are what is said of delays and of what to measure next."""
+    tests = [[Cell(doubt.what), Cell(doubt.result)] for doubt in found.doubts]
+    rows = [
+        [
+            Cell(one.name),
+            number(f"{one.value:.4g}"),
+            number(f"{one.low:.4g} to {one.high:.4g}"),
+            Cell(one.unit),
+            Cell(str(one.verdict), _MARKS[one.verdict]),
+            Cell(one.note),
+        ]
+        for one in figures
+    ]
+    return page(
+        "Identified car",
+        [
+            Section("Figures", tables=[Table(["", "value", "95 %", "unit", "verdict", ""], rows)]),
+            Section("Delays", lines),
+            Section(
+                "Measured over simulated",
+                [f"Residual of yaw rate: {found.residual_percent:.2f} %"],
+                [_response_picture(found)],
+                [Table(["test", "result"], tests)],
+                found.notes,
+            ),
+            Section(
+                "Frequency response",
+                ["Yaw rate over steering; grey where less than 80 % of it follows the steering."],
+                [_frequency_picture(found)],
+            ),
+            Section(
+                "What to drive next",
+                [
+                    "A sweep at 60 km/h from 0.2 to 3 Hz in 26 s with 4 m/s² to either side, steps"
+                    " at 80 km/h, and a slalom that grows up to the limit of grip: on an empty"
+                    " ground."
+                ],
+                [_plan_picture()],
+            ),
+        ],
+    )
+
+
+def _response_picture(found: Identification) -> Picture:
+    values = found.found.values
+    response = respond(found.grid, values, found.found.problem)
+    with plot_style():
+        canvas = Canvas(figsize=(9.0, 2.6 * len(found.samples)))
+        panels = canvas.subplots(len(found.samples), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, samples in zip(panels, found.samples, strict=True):
+            axes.plot(samples.time_s, samples.values, label="measured")
+            axes.plot(samples.time_s, seen(samples, response, values), label="simulated")
+            axes.set_ylabel(samples.channel.name.replace("_", " "), fontsize=8)
+        panels[0].legend(ncols=2)
+        panels[-1].set_xlabel("time [s]")
+    return Picture(png_of(canvas), "measured and simulated over time")
+
+
+def _frequency_picture(found: Identification) -> Picture:
+    drive, samples = found.drive, found.samples[0]
+    start, end = max(drive.segments, key=lambda one: one[1] - one[0])
+    even = np.arange(start, end, 0.01)
+    steering = np.interp(even, drive.steering.time_s, drive.steering.values)
+    measured = np.interp(even, samples.channel.time_s, samples.channel.values)
+    response = respond(found.grid, found.found.values, found.found.problem)
+    on_grid = np.arange(len(response.yaw_rate_rad_s)) * STEP_S
+    first = float(found.grid.starts[[one[0] for one in drive.segments].index(start)]) * STEP_S
+    simulated = np.interp(even - start + first, on_grid, response.yaw_rate_rad_s)
+    options = {"fs": 100.0, "nperseg": int(min(_WINDOW_S * 100.0, len(even)))}
+    hz, own = csd(steering, steering, **options)
+    with plot_style():
+        canvas = Canvas(figsize=(9.0, 6.0))
+        gain, phase, coherence = canvas.subplots(3, 1, sharex=True)
+        for label, output in (("measured", measured), ("simulated", simulated)):
+            cross, its = csd(steering, output, **options)[1], csd(output, output, **options)[1]
+            shared = np.abs(cross) ** 2 / np.maximum(np.real(own) * np.real(its), 1e-300)
+            inside = (hz > 0.1) & (hz < _HZ_MAX)
+            sure = inside & (shared > _COHERENT)
+            ratio = cross / own
+            gain.plot(hz[inside], np.abs(ratio[inside]), color="0.8", linewidth=1.0)
+            gain.plot(hz[sure], np.abs(ratio[sure]), ".-", label=label)
+            phase.plot(hz[sure], np.degrees(np.angle(ratio[sure])), ".-")
+            coherence.plot(hz[inside], shared[inside])
+        gain.legend(ncols=2)
+        gain.set_ylabel("gain [1/s]")
+        phase.set_ylabel("phase [deg]")
+        coherence.set(ylabel="coherence", xlabel="frequency [Hz]", ylim=(0.0, 1.05))
+    return Picture(png_of(canvas), "frequency response from steering to yaw rate, with coherence")
+
+
+def _plan_picture() -> Picture:
+    time_s = np.arange(0.0, 70.0, 0.01)
+    sweep_s = np.clip(time_s - 4.0, 0.0, 26.0)
+    cycles = 0.2 * 26.0 / np.log(15.0) * (15.0 ** (sweep_s / 26.0) - 1.0)
+    side = np.where((time_s > 4.0) & (time_s < 30.0), 4.0 * np.sin(2.0 * np.pi * cycles), 0.0)
+    for start_s, end_s, level in ((41.0, 44.0, 3.0), (46.0, 49.0, -3.5), (51.0, 53.0, 2.0)):
+        side[(time_s > start_s) & (time_s < end_s)] = level
+    slalom_s = np.clip(time_s - 55.0, 0.0, 14.0)
+    side += 8.0 * slalom_s / 14.0 * np.sin(2.0 * np.pi * 0.45 * slalom_s)
+    with plot_style():
+        canvas = Canvas(figsize=(9.0, 2.6))
+        axes = canvas.subplots()
+        axes.plot(time_s, side)
+        axes.set(
+            xlabel="time [s]", ylabel="side [m/s²]", title="60 km/h, then 80 km/h from 40 s on"
+        )
+    return Picture(png_of(canvas), "lateral acceleration to drive, over time")
