@@ -24,7 +24,6 @@ from .study_file import (
     Normal,
     SamplingKind,
     SamplingSettings,
-    Uniform,
 )
 
 _MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
@@ -49,14 +48,12 @@ class Factor(NamedTuple):
 
     ``levels``    in order; None where ``quantile`` is given
     ``quantile``  from u in (0, 1) to a value of the keys
-    ``is_endless``  whether the drawn values are unbounded
     """
 
     name: str
     keys: tuple[str, ...]
     levels: tuple[Level, ...] | None
     quantile: Callable[[float], float] | None
-    is_endless: bool = False
 
     def sets(self, *places: str) -> bool:
         """Whether a key of it begins with one of these."""
@@ -99,17 +96,13 @@ def make_factor(settings: FactorSettings, is_grid: bool, where: str) -> Factor:
                 f"{where}: factor {name} has a distribution, which a grid has no points for: give "
                 "values or a range, or choose latin_hypercube or sobol in [sampling]"
             )
-        drawn = settings.distribution
-        is_endless = isinstance(drawn, Normal) and (drawn.low is None or drawn.high is None)
-        return Factor(name, keys, None, quantile_of(drawn), is_endless)
+        return Factor(name, keys, None, quantile_of(settings.distribution))
     return _ranged(settings, name, keys, is_grid, where)
 
 
 def quantile_of(distribution: DistributionSettings) -> Callable[[float], float]:
     """Return the quantile function of a distribution."""
     match distribution:
-        case Uniform(low=low, high=high):
-            return lambda u: low + u * (high - low)
         case LogUniform(low=low, high=high):
             return lambda u: low * math.exp(u * math.log(high / low))
         case Normal():
@@ -119,17 +112,13 @@ def quantile_of(distribution: DistributionSettings) -> Callable[[float], float]:
 def _normal(table: Normal) -> Callable[[float], float]:
     from scipy.special import ndtr, ndtri
 
-    below, above = (
-        None if edge is None else float(ndtr((edge - table.mean) / table.spread))
-        for edge in (table.low, table.high)
+    first, last = (
+        float(ndtr((edge - table.mean) / table.spread)) for edge in (table.low, table.high)
     )
-    first, last = below or 0.0, 1.0 if above is None else above
 
     def quantile(u: float) -> float:
         value = table.mean + table.spread * float(ndtri(first + u * (last - first)))
-        low = -math.inf if table.low is None else table.low
-        high = math.inf if table.high is None else table.high
-        return min(max(value, low), high)
+        return min(max(value, table.low), table.high)
 
     return quantile
 

@@ -225,17 +225,8 @@ class Scenarios:
         try:
             self.checked(case, name)
         except SettingsError as error:
-            return SettingsError(*map(self._with_hint, error.mistakes))
+            return error
         return SettingsError(f"{self.study.file}: settings {case.overrides} cannot be used")
-
-    def _with_hint(self, mistake: str) -> str:
-        for factor in self.study.design.factors:
-            if factor.is_endless and f": factor {factor.name}: " in mistake:
-                return (
-                    f"{mistake}; drawn from a normal distribution without an end: give it low "
-                    "and high within what is allowed"
-                )
-        return mistake
 
 
 def pair_tables(

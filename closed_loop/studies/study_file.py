@@ -30,19 +30,6 @@ REPLICATES_MAX = 100_000
 LevelValue = bool | int | float | str | dict[str, Any]
 
 
-class Uniform(Settings):
-    """Equally likely from ``low`` to ``high``."""
-
-    kind: Literal["uniform"]
-    low: float
-    high: float
-
-    @model_validator(mode="after")
-    def _rises(self) -> Self:
-        _refuse_falling(self.low, self.high)
-        return self
-
-
 class LogUniform(Settings):
     """The logarithm equally likely from ``low`` to ``high``."""
 
@@ -57,23 +44,22 @@ class LogUniform(Settings):
 
 
 class Normal(Settings):
-    """Normal, cut off at ``low`` and ``high`` where they are given."""
+    """Normal, cut off at ``low`` and ``high``."""
 
     kind: Literal["normal"]
     mean: float
     spread: float = Field(gt=0.0)
     """Standard deviation."""
-    low: float | None = None
-    high: float | None = None
+    low: float
+    high: float
 
     @model_validator(mode="after")
-    def _leaves_something(self) -> Self:
-        if self.low is not None and self.high is not None and not self.low < self.high:
-            raise ValueError(f"high must be above low, not {self.high}")
+    def _rises(self) -> Self:
+        _refuse_falling(self.low, self.high)
         return self
 
 
-DistributionSettings = Annotated[Uniform | LogUniform | Normal, Field(discriminator="kind")]
+DistributionSettings = Annotated[LogUniform | Normal, Field(discriminator="kind")]
 
 
 class FactorSettings(Settings):

@@ -1,5 +1,5 @@
 """Faults of frames to and from the plant: their kinds, their effects, and where they apply.
 
-Not here: faults injected into a live bus (``tools.faults``), and loss by the network (``network``).
+Not here: loss by the network (``network``).
 Begin at ``settings.py``, whose ``FaultKind`` lists all kinds.
 """

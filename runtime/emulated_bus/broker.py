@@ -56,7 +56,6 @@ class Broker:
     ``bitrate_bit_s``       of every channel [bit/s]
     ``data_bitrate_bit_s``  of the data phase of CAN FD frames [bit/s]; None for classic CAN only
     ``print_line``          prints one line, or drops it: the broker does not wait for its reader
-    ``is_verbose``          whether to print orderly joins and ends too
     ``clock_ns``            monotonic clock [ns]
     ``traffic``             rest bus on every channel
 
@@ -73,13 +72,12 @@ class Broker:
         print_line: Callable[[str], object],
         clock_ns: Callable[[], int] = time.monotonic_ns,
         traffic: Traffic = NO_TRAFFIC,
-        is_verbose: bool = False,
     ) -> None:
         listener.setblocking(False)
         self._listener = listener
         self._bitrate_bit_s = bitrate_bit_s
         self._data_bitrate_bit_s = data_bitrate_bit_s
-        self._print_line, self._is_verbose = print_line, is_verbose
+        self._print_line = print_line
         self.disconnections = dict.fromkeys(map(str, Cause), 0)
         self._clock_ns = clock_ns
         self._traffic = traffic
@@ -206,8 +204,6 @@ class Broker:
             traffic = self._traffic._replace(seed=seed)
             self.channels[hello.channel] = Channel(*rates, traffic, now_ns)
         self.channels[hello.channel].join(client)
-        if self._is_verbose:
-            self._print_line(f"{client} joins")
         client.queue(self._answer("").pack())
         self._flush(client)
 
@@ -272,8 +268,8 @@ class Broker:
         if client not in self.clients:
             return
         self.disconnections[cause] += 1
-        if cause is not Cause.LEFT or self._is_verbose:
-            self._print_line(f"{client} leaves: {detail or 'it has closed the connection'}")
+        if cause is not Cause.LEFT:
+            self._print_line(f"{client} leaves: {detail}")
         for clients in (self.clients, self._readers, self._writers):
             clients.discard(client)
         if client.hello is not None and client.hello.channel in self.channels:

@@ -60,7 +60,7 @@ def changed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         encoding="utf-8",
     )
     _run(folder, "-m", "steer_by_wire.dbc.contract.layout_from_dbc")
-    layout = (folder / CONTRACT / "generated_layout.py").read_text(encoding="ascii")
+    layout = (folder / CONTRACT / "generated_layout.json").read_text(encoding="ascii")
     assert layout.count("ADDED") == text.count("\nBO_ ") == len(MESSAGE_TYPES)
     return folder
 

@@ -131,22 +131,16 @@ def _judge(results: Sequence[Result], options: argparse.Namespace) -> ExitStatus
 def _folders(logs: Sequence[Sequence[Path]], out: Path) -> list[Path]:
     """Return a folder for each log, named after its first file.
 
-    If two names are equal, the name of the file's folder or its suffix is added; if that is not
-    enough, a number.
+    If two names are equal, that file's folder is in all of them, and a number where it has to be.
     """
     firsts = [paths[0] for paths in logs]
-    stems = [first.name.split(".")[0] or first.name for first in firsts]
-    with_folder = [
-        f"{first.resolve().parent.name}-{stem}" for first, stem in zip(firsts, stems, strict=True)
-    ]
-    kinds = (stems, with_folder, [first.name.replace(".", "_") for first in firsts])
-    names = [
-        next((kind[index] for kind in kinds if kind.count(kind[index]) == 1), kinds[-1][index])
-        for index in range(len(firsts))
-    ]
+    names = [first.name.split(".")[0] or first.name for first in firsts]
+    if len(set(names)) < len(names):
+        named = zip(firsts, names, strict=True)
+        names = [f"{first.resolve().parent.name}-{name}" for first, name in named]
     return [
-        out / (f"{name}-{names[:index].count(name) + 1}" if names.count(name) > 1 else name)
-        for index, name in enumerate(names)
+        out / (name if names.count(name) == 1 else f"{name}-{number}")
+        for number, name in enumerate(names, start=1)
     ]
 
 

@@ -92,7 +92,6 @@ def _serve(
         options.data_bitrate,
         _print_line,
         traffic=traffic,
-        is_verbose=options.verbose,
     )
     failure = ""
     with _first_signal() as signalled:
@@ -175,9 +174,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="SCHED_FIFO priority, if the host grants it (default: %(default)s)",
     )  # fmt: skip
     add_json_argument(parser, shows=False)
-    parser.add_argument(
-        "--verbose", action="store_true", help="also print when clients join and leave"
-    )
     add_traffic_arguments(parser)
     parser.add_argument(
         "--seed", type=whole_number(0, 2**63 - 1), default=1, metavar="N",

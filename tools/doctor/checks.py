@@ -2,18 +2,15 @@
 
 import argparse
 import json
-import platform
 import shutil
 import socket
 import subprocess
 import sys
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...closed_loop.reports.findings import Finding, finding_lines
-from ...runtime.command_line import DISTRIBUTION, installation
 from ...runtime.exit_status import BusError
 from ...runtime.port.interface_choice import add_bus_arguments, choose_bus
 from ...runtime.port.python_can import check_openable
@@ -27,8 +24,6 @@ NO_ADAPTERS = ("virtual", "udp_multicast")
 """What python-can always detects."""
 CHANNELS_SHOWN_MAX = 4
 CAN_UTILS = ("candump", "cansend", "cangen", "canplayer")
-LIBRARIES = ("python-can", "cantools", "numpy", "scipy", "pydantic")
-OPTIONAL_LIBRARIES = ("matplotlib", "rich", "msgpack")
 REAL_TIME_PRIORITY = 50
 """The default of both programs."""
 
@@ -50,7 +45,6 @@ class Section(NamedTuple):
 def examine() -> tuple[Section, ...]:
     """Check everything; takes seconds, most of them for the adapters."""
     return (
-        Section("software", (*_software(),)),
         Section(
             "CAN on this machine", (_kernel_can(), *_interfaces(), _programs(), find_adapters())
         ),
@@ -58,21 +52,6 @@ def examine() -> tuple[Section, ...]:
         Section("the programs without -i", (_choice(),)),
         Section("real time", (*_rights(),)),
     )
-
-
-def _software() -> list[Finding]:
-    return [
-        Finding("Python", True, f"{platform.python_version()} ({sys.executable})"),
-        Finding("system", True, platform.platform()),
-        *map(_library, (DISTRIBUTION, *LIBRARIES, *OPTIONAL_LIBRARIES)),
-    ]
-
-
-def _library(name: str) -> Finding:
-    try:
-        return Finding(name, True, version(name))
-    except PackageNotFoundError:
-        return Finding(name, False, "not installed", installation(name))
 
 
 def _kernel_can() -> Finding:

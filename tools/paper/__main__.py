@@ -1,8 +1,8 @@
 """Reproduce the figures and tables of SAE 2018-01-1086 with this project's models and laws.
 
-    steer-by-wire paper [--figure N ...] [--table N ...] [--all] [--out DIR]
+    steer-by-wire paper [--figure N ...] [--table N ...] [--out DIR]
 
-Writes to DIR a PNG and a CSV for each picture and a JSON for each figure. ``index.html``, written
+Writes to DIR a PNG for each picture and a JSON for each figure. ``index.html``, written
 last, shows published and reproduced values of these side by side, with a verdict.
 """
 
@@ -65,17 +65,6 @@ ENTRIES = (
 )
 """In the order of the paper, which is the order of the index page."""
 
-NOT_COMPUTED = {
-    "figure": {
-        "1": "a sketch of the vehicle",
-        "2": "the uncertainty box, an input",
-        **dict.fromkeys(("3", "4", "5", "6", "13"), "a block diagram"),
-        **dict.fromkeys(("14", "15"), "the path, an ellipse whose axes the text does not say"),
-    },
-    "table": {"1": "the vehicle's parameters, an input"},
-}
-"""Figures and tables of the paper in which there is nothing to compute."""
-
 
 def numbers_of(kind: str) -> tuple[str, ...]:
     """Return the numbers that ``--figure`` or ``--table`` takes, each once."""
@@ -107,34 +96,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"--{kind}", action="append", default=[], metavar="N",
             help=f"repeatable: {', '.join(numbers_of(kind))}",
         )  # fmt: skip
-    parser.add_argument("--all", action="store_true", help="all of them (default)")
     add_out_argument(parser, "out/paper")
     return run_main(NAME, partial(_reproduce, parser.parse_args(arguments)))
 
 
 def _reproduce(options: argparse.Namespace) -> int:
     console = plain_console()
-    entries = selected(options.figure, options.table, everything=options.all)
+    entries = selected(options.figure, options.table)
     refuse_another_run(options.out, {})
     options.out.mkdir(parents=True, exist_ok=True)
     reproduce_all(entries, options.out, console)
     return ExitStatus.OK
 
 
-def selected(
-    figures: Sequence[str], tables: Sequence[str], *, everything: bool
-) -> tuple[Entry, ...]:
+def selected(figures: Sequence[str], tables: Sequence[str]) -> tuple[Entry, ...]:
     """Return what to compute, all where nothing is named; raises SettingsError."""
     wanted = [("figure", number) for number in figures] + [("table", number) for number in tables]
     for kind, number in wanted:
         numbers = numbers_of(kind)
         if number not in numbers:
-            reason = NOT_COMPUTED[kind].get(number)
-            why = f"{reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
-            raise SettingsError(f"--{kind} {number}: {why}; allowed are {', '.join(numbers)}")
-    if everything or not wanted:
-        return ENTRIES
-    return tuple(entry for entry in ENTRIES if (entry.kind, entry.number) in wanted)
+            raise SettingsError(
+                f"--{kind} {number}: nothing to compute; allowed are {', '.join(numbers)}"
+            )
+    chosen = (entry for entry in ENTRIES if (entry.kind, entry.number) in wanted)
+    return tuple(chosen) if wanted else ENTRIES
 
 
 def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None:

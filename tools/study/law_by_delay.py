@@ -35,7 +35,6 @@ class LawByDelay(NamedTuple):
     """Worst figures of shape (conditions, controllers, delays); NaN where nothing was run.
 
     ``settled_m``  RMS from ``settled_s`` of the verdict on
-    ``whole_m``    the same of the whole run
     ``peak_m``     largest deviation
     ``holds``      whether every run holds
     """
@@ -44,7 +43,6 @@ class LawByDelay(NamedTuple):
     conditions: tuple[str, ...]
     controllers: tuple[str, ...]
     settled_m: FloatArray
-    whole_m: FloatArray
     peak_m: FloatArray
     holds: BoolArray
 
@@ -76,18 +74,14 @@ def law_by_delay(study: StudyRecord, rows: Rows) -> LawByDelay | None:
     shape = (len(texts), len(study.names), len(delays_s))
     cell = np.ravel_multi_index((condition, rows.controller, place), shape)
 
-    def worst(values: FloatArray) -> FloatArray:
-        return _worst(cell, values, shape)
-
     held = np.ones(shape, dtype=np.bool_)
     np.logical_and.at(held.reshape(-1), cell, rows.holds)
     return LawByDelay(
         tuple(1e3 * delay_s for delay_s in delays_s.tolist()),
         tuple(text or "all runs" for text in texts),
         study.names,
-        worst(rows.settled_rms_m),
-        worst(rows.rms_m),
-        worst(rows.peak_m),
+        _worst(cell, rows.settled_rms_m, shape),
+        _worst(cell, rows.peak_m, shape),
         held,
     )
 
@@ -150,20 +144,17 @@ def law_section(found: LawByDelay, pictures: Sequence[Picture]) -> Section:
     )
     tables = [breaks]
     for condition, text in enumerate(found.conditions):
-        rms, peaks = [], []
-        for law, name in enumerate(found.controllers):
-            at = [(condition, law, place) for place in shown]
-            rms.append((Cell(name), *(number(_rms(found, one)) for one in at)))
-            peaks.append((Cell(name), *(number(_peak(found, one)) for one in at)))
+        rms = [
+            (Cell(name), *(number(_rms(found, (condition, law, place))) for place in shown))
+            for law, name in enumerate(found.controllers)
+        ]
         tables.append(Table((f"RMS [mm], {text}", *delays), rms))
-        tables.append(Table((f"largest deviation [m], {text}", *delays), peaks))
     return Section(
         "Law by delay",
         (
             "The first mean delay at which any run of a law does not hold the path, and the worst "
-            "figures of its runs over vehicles and replicates. Errors are those of the car. RMS: "
-            "from settled_s of the verdict on, in brackets of the whole run. - stands where a run "
-            "does not hold.",
+            "RMS of its runs over vehicles and replicates, that of the car from settled_s of the "
+            "verdict on. - stands where a run does not hold.",
         ),
         pictures,
         tables,
@@ -190,18 +181,7 @@ def _breaks(delay_ms: float | None) -> str:
 
 
 def _rms(found: LawByDelay, place: tuple[int, int, int]) -> str:
-    if not found.holds[place]:
-        return "-"
-    settled, whole = (
-        three_digits(1e3 * figures[place]) for figures in (found.settled_m, found.whole_m)
-    )
-    return f"{settled} ({whole})"
-
-
-def _peak(found: LawByDelay, place: tuple[int, int, int]) -> str:
-    if not found.holds[place]:
-        return "-"
-    return f"{found.peak_m[place]:.2f}"
+    return three_digits(1e3 * found.settled_m[place]) if found.holds[place] else "-"
 
 
 def draw_error_over_delay(

@@ -1,7 +1,5 @@
 """Settings on the page, and hints about distributions."""
 
-from pathlib import Path
-
 import pytest
 
 from steer_by_wire.closed_loop.reports.page import page
@@ -9,7 +7,6 @@ from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.result_reader import Rows, StudyRecord, read_rows, read_study
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.workers import Threads
-from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.report import study_section
 from tests.support.runs.small_study import make_scenarios, never
 
@@ -64,19 +61,3 @@ def test_the_page_folds_what_is_by_default(study: StudyRecord, rows: Rows) -> No
     assert "yaw_inertia" not in shown
     assert "yaw_inertia" in text.partition("Base of the plant")[2].partition("</details>")[0]
     assert "Warning: runs of 4 s are judged by two windows of 1 s" in text
-
-
-# What is printed before a study
-
-
-def test_a_normal_distribution_without_an_end_is_refused_with_a_hint(tmp_path: Path) -> None:
-    head = STUDY.partition("[[factors]]")[0]
-    drawn = '{ kind = "normal", mean = 0.1, spread = 0.1%s }'
-    text = head + '[[factors]]\nkey = "plant.latency.downlink.mean_s"\ndistribution = %s\n'
-    text += '[sampling]\nkind = "sobol"\ncount = 64\n'
-    with pytest.raises(SettingsError, match="without an end: give it low and high"):
-        make_scenarios(tmp_path, text % (drawn % "")).check()
-    make_scenarios(tmp_path, text % (drawn % ", low = 0.0, high = 0.5")).check()
-    with pytest.raises(SettingsError) as raised:
-        make_scenarios(tmp_path, text % '{ kind = "uniform", low = -1.0, high = 1.0 }').check()
-    assert "without an end" not in str(raised.value)

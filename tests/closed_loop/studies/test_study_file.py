@@ -26,7 +26,6 @@ from steer_by_wire.closed_loop.studies.study_file import (
     Normal,
     SamplingKind,
     SamplingSettings,
-    Uniform,
 )
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict, VerdictRules
 from steer_by_wire.plant_emulator.sensors.settings import PathAheadSettings
@@ -182,10 +181,7 @@ def test_ranges_have_both_ends_and_no_digits_of_rounding() -> None:
 
 
 def test_a_latin_hypercube_has_one_point_in_every_layer() -> None:
-    factors = tuple(
-        Factor(name, (name,), None, quantile_of(Uniform(kind="uniform", low=0.0, high=1.0)))
-        for name in ("one", "two", "three")
-    )
+    factors = tuple(Factor(name, (name,), None, lambda u: u) for name in ("one", "two", "three"))
     sampling = SamplingSettings(kind=SamplingKind.LATIN_HYPERCUBE, count=50)
     uniforms = make_design(factors, sampling).uniforms
     assert uniforms is not None
@@ -194,10 +190,7 @@ def test_a_latin_hypercube_has_one_point_in_every_layer() -> None:
 
 
 def test_a_sobol_sequence_fills_every_quarter_and_goes_on_where_it_was() -> None:
-    factors = tuple(
-        Factor(name, (name,), None, quantile_of(Uniform(kind="uniform", low=0.0, high=1.0)))
-        for name in ("one", "two")
-    )
+    factors = tuple(Factor(name, (name,), None, lambda u: u) for name in ("one", "two"))
     few, many = (
         make_design(factors, SamplingSettings(kind=SamplingKind.SOBOL, count=count)).uniforms
         for count in (16, 20)
@@ -219,9 +212,8 @@ def test_levels_are_equally_likely_where_points_are_drawn() -> None:
 def test_distributions_have_the_moments_their_formulas_say() -> None:
     u = (np.arange(20_000) + 0.5) / 20_000
     cases: dict[DistributionSettings, tuple[float, float | None]] = {
-        Uniform(kind="uniform", low=1.0, high=3.0): (2.0, 2.0 / np.sqrt(12.0)),
         LogUniform(kind="log_uniform", low=1.0, high=np.e): (np.e - 1.0, None),
-        Normal(kind="normal", mean=2.0, spread=0.5): (2.0, 0.5),
+        Normal(kind="normal", mean=2.0, spread=0.5, low=-9.0, high=9.0): (2.0, 0.5),
         Normal(kind="normal", mean=2.0, spread=0.5, low=1.5, high=2.5): (2.0, None),
     }
     for table, (mean, spread) in cases.items():
@@ -273,12 +265,12 @@ BAD: dict[str, tuple[str, str]] = {
     ),
     "a distribution in a grid": (
         '[[factors]]\nkey = "plant.vehicle.speed_m_s"\n'
-        'distribution = { kind = "uniform", low = 4.0, high = 5.0 }\n',
+        'distribution = { kind = "log_uniform", low = 4.0, high = 5.0 }\n',
         r"factors\[0\]: factor speed_m_s has a distribution, which a grid has no points for",
     ),
     "a distribution upside down": (
         '[[factors]]\nkey = "plant.vehicle.speed_m_s"\n'
-        'distribution = { kind = "uniform", low = 6.0, high = 5.0 }\n',
+        'distribution = { kind = "log_uniform", low = 6.0, high = 5.0 }\n',
         r"factors\[0\]\.distribution: high must be above low: low = 6\.0, high = 5\.0",
     ),
     "the same key twice": (

@@ -12,7 +12,6 @@ from rich.console import Console
 from steer_by_wire.tools.paper import __main__ as reproduce_paper
 from steer_by_wire.tools.paper.__main__ import (
     ENTRIES,
-    NOT_COMPUTED,
     Entry,
     entry_of,
     numbers_of,
@@ -59,9 +58,6 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_computed_figure_and_table_of_the_paper_is_registered() -> None:
     assert numbers_of("figure") == (*map(str, range(7, 13)), *map(str, range(16, 25)))
     assert "2" in numbers_of("table")
-    in_the_paper = {str(number) for number in range(1, 25)}
-    assert set(numbers_of("figure")) | set(NOT_COMPUTED["figure"]) == in_the_paper
-    assert not set(numbers_of("figure")) & set(NOT_COMPUTED["figure"])
 
 
 def test_one_figure_leaves_its_picture_its_summary_and_the_page(out: Path) -> None:
@@ -139,11 +135,9 @@ def test_figures_are_on_the_page_in_the_paper_s_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "reported"),
     [
-        (["--figure", "13"], "--figure 13: a block diagram, nothing to compute; allowed are 7, 8,"),
-        (["--figure", "1"], "--figure 1: a sketch of the vehicle"),
-        (["--figure", "25"], "the paper has no figure 25; allowed are"),
-        (["--figure", "16", "--figure", "x"], "--figure x: the paper has no figure x"),
-        (["--table", "3"], "the paper has no table 3; allowed are 2"),
+        (["--figure", "13"], "--figure 13: nothing to compute; allowed are 7, 8,"),
+        (["--figure", "16", "--figure", "x"], "--figure x: nothing to compute"),
+        (["--table", "3"], "nothing to compute; allowed are 2"),
     ],
 )
 def test_what_cannot_be_computed_is_refused_in_one_line(
@@ -166,10 +160,9 @@ def test_a_folder_that_cannot_be_made_is_named(
 
 
 def test_without_a_choice_everything_is_computed() -> None:
-    assert reproduce_paper.selected([], [], everything=False) == ENTRIES
-    assert reproduce_paper.selected(["8"], [], everything=True) == ENTRIES
+    assert reproduce_paper.selected([], []) == ENTRIES
 
 
 def test_a_number_selects_all_that_belongs_to_it_in_the_paper_s_order() -> None:
-    entries = reproduce_paper.selected(["21", "8"], ["2"], everything=False)
+    entries = reproduce_paper.selected(["21", "8"], ["2"])
     assert [entry.key for entry in entries] == ["figure_08", "table_2", "figure_21"]
