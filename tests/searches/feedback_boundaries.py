@@ -35,8 +35,8 @@ from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 SEED = 61
 FACTORS = (0.98, 1.02)
 GRADIENTS_N_M = (1.0, 60.0)
-_BISECTIONS = 12
-_GRID = 16
+_BISECTIONS = 10
+_GRID = 10
 DURATION_S, SETTLED_S, WINDOWS = 30.0, 6.0, 6
 _LINEAR_RAD, _LINEAR_N_M = 6.0, 18.0
 NO_LIMITS = dict.fromkeys(
@@ -73,7 +73,7 @@ def drawn(number: int) -> Loop:
         speed_m_s=float(rng.uniform(20.0, 140.0)) / 3.6,
         lag_s=float(rng.choice([0.005, 0.01, 0.03, 0.06])),
         damping_n_m_s=float(rng.uniform(0.1, 1.0)),
-        cycle_ms=float(rng.choice([2.0, 5.0, 10.0, 20.0])),
+        cycle_ms=float(rng.choice([5.0, 10.0, 20.0])),
         down=int(rng.integers(0, 8)),
         up=int(rng.integers(0, 8)),
     )
@@ -90,7 +90,7 @@ def is_unstable(loop: Loop, gradient_n_m: float) -> bool:
     cycle_s = loop.cycle_ms / 1e3
     cdob = FeedbackCdob(road) if loop.law == "cdob" else None
     round_trip_s = (loop.down + loop.up) * cycle_s
-    ranges = unstable_round_trips(sampled_feedback(wheel, road, cycle_s, cdob), round_trip_s + 1.0)
+    ranges = unstable_round_trips(sampled_feedback(wheel, road, cycle_s, cdob), round_trip_s)
     return any(
         low <= round_trip_s and (high is None or round_trip_s < high) for low, high, _ in ranges
     )
@@ -182,15 +182,15 @@ def disagreements(loop: Loop, boundary: float) -> list[str]:
 
 def main(arguments: list[str]) -> int:
     loops, first = map(int, [*arguments, *("200", "0")[len(arguments) :]])
-    wrong, laws = 0, dict.fromkeys(["rack_force", "cdob", "spring"], 0)
+    wrong = place = 0
     for place, (number, loop, boundary) in enumerate(drawn_with_boundary(first), 1):
-        laws[loop.law] += 1
         for line in disagreements(loop, boundary):
             wrong += 1
             print(f"{number}: {loop}: {line}", flush=True)  # noqa: T201
+        if place % 10 == 0 or place == loops:
+            print(f"{place} loops, up to number {number}: {wrong} runs disagree", flush=True)  # noqa: T201
         if place == loops:
             break
-    print(f"{loops} loops up to number {number}, {laws}: {2 * loops} runs, {wrong} disagree")  # noqa: T201
     return 1 if wrong else 0
 
 

@@ -58,7 +58,7 @@ def test_an_unknown_preset_is_refused_with_the_known_ones(
 
 def test_its_page_shows_what_it_prints(capsys: pytest.CaptureFixture[str]) -> None:
     page = (Path(__file__).parents[3] / "docs" / "feedback.md").read_text(encoding="utf-8")
-    commands, block = re.findall(r"```(?:sh|text)\n(.*?)```", page, re.DOTALL)
+    commands, block, *_ = re.findall(r"```(?:sh|text)\n(.*?)```", page, re.DOTALL)
     for command in commands.splitlines():
         assert main(command.split()[2:]) == 0
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
