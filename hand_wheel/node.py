@@ -59,6 +59,8 @@ RECEIVED: tuple[type[Message], ...] = (
 SENT = sent_by("HAND_WHEEL")
 """What the hand wheel alone sends."""
 STATUS_NS = 100_000_000
+_STEPS_MAX = 10_000
+"""After a longer stall the wheel moves no further: it is at rest, or at its stop."""
 _LAW_NS = 500_000_000
 """Without HAND_WHEEL_FEEDBACK for longer, the driver steers: chosen."""
 _REJECTED_COUNTERS = int(limits(HandWheelStatus)["rejected"].maximum) + 1
@@ -256,7 +258,7 @@ class HandWheelNode:
     def _move(self, cycles: int) -> None:
         """Advance the wheel, with hands and motor as they were decided last."""
         wheel = self._wheel
-        for _ in range(cycles * self._settings.steps):
+        for _ in range(min(cycles * self._settings.steps, _STEPS_MAX)):
             wheel = wheel_step(self._wheel_params, wheel, self._told_n_m, self._hands)
         if isfinite(wheel.angle_rad) and isfinite(wheel.rate_rad_s):
             self._wheel = wheel

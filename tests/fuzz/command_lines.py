@@ -30,6 +30,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
         "runtime.program.run_node.open_port", ".check_figures", ".check_text", ".found_in",
     ),
     "plant_emulator.command_line.program": ("runtime.program.run_node.open_port",),
+    "hand_wheel.program": ("runtime.program.run_node.open_port",),
     "tools.bus.program": (".listening",),
     "tools.analyze.__main__": ("tools.analyze.pictures.draw_pictures",),
     "tools.run.__main__": (

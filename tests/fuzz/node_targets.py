@@ -1,4 +1,4 @@
-"""Random traffic at random times to the two nodes.
+"""Random traffic at random times to the nodes.
 
 A node does not raise, and moves its deadline beyond now within a few ticks.
 What leaves is a message of the contract, finite and within its limits; the counters of what
@@ -24,20 +24,27 @@ from steer_by_wire.dbc.messages import (
     ControllerStatus,
     Decoded,
     DelayStatus,
+    HandWheelFeedback,
+    HandWheelState,
     LateralError,
     Message,
     ModelStatus,
     PlantStatus,
     Rejection,
     SteeringCommand,
+    SteeringForce,
     SteeringStatus,
     VehicleState,
     decode,
     resolutions,
 )
+from steer_by_wire.hand_wheel.node import RECEIVED as HAND_WHEEL_RECEIVES
+from steer_by_wire.hand_wheel.node import SENT as HAND_WHEEL_SENDS
+from steer_by_wire.hand_wheel.node import HandWheelNode
+from steer_by_wire.hand_wheel.settings import HandWheelSettings
+from steer_by_wire.plant_emulator.node.node import OF_HAND_WHEEL, PlantNode
 from steer_by_wire.plant_emulator.node.node import RECEIVED as PLANT_RECEIVES
 from steer_by_wire.plant_emulator.node.node import SENT as PLANT_SENDS
-from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import MotionParams, motion_params
 from steer_by_wire.runtime.frame import Frame
@@ -56,6 +63,7 @@ CONTROLLERS = (
     ("paper_pd_cdob", ("limits.steer_rate_rad_s_max=1000", "limits.steer_rad_max=1.3")),
     ("practical_predictor", ()),
     ("practical_smith", ("rate_hz=50",)),
+    ("practical_pd_ddob", ("hand_wheel={hand_back_s=0}",)),
 )
 """Preset and what is set on top."""
 PLANTS = (
@@ -74,8 +82,15 @@ PLANTS = (
         "sensor_noise.yaw_rate_rad_s=1", "actuator.rate_limit_rad_s=0.001",
         "actuator.angle_limit_rad=0.1", "actuator.dead_band_rad=0.5",
     ),
+    ("hand_wheel={}", "steering_force={period_ms=1}", "latency.downlink.mean_s=0.02"),
 )  # fmt: skip
 """What is set on top of the defaults."""
+HAND_WHEELS = (
+    (),
+    ("cycle_ms=1", "feedback.law=cdob", "feedback.torque_gradient_n_m=1000"),
+    ("driver.two_point={near_gain=1000}", "driver.grip=firm", "feedback.law=model"),
+    ("feedback.law=spring", "feedback.passive_n_m_s_max=100", "wheel.inertia_kg_m2=1e-4"),
+)
 
 
 def fuzz_controller(data: bytes) -> None:
@@ -83,6 +98,8 @@ def fuzz_controller(data: bytes) -> None:
     choices = Choices(data)
     settings = controller_settings(choices.integer(0, len(CONTROLLERS) - 1))
     known = (*CONTROLLER_RECEIVES, *CONTROLLER_SENDS)
+    if settings.hand_wheel is not None:
+        known = (*known, HandWheelState)
     drive(choices, lambda: ControllerNode(settings, 0), known, outgoing_of_controller(settings))
 
 
@@ -91,7 +108,19 @@ def fuzz_plant(data: bytes) -> None:
     choices = Choices(data)
     settings, params = plant_settings(choices.integer(0, len(PLANTS) - 1))
     known = (*PLANT_RECEIVES, *PLANT_SENDS)
+    if settings.hand_wheel is not None:
+        known = (*known, *OF_HAND_WHEEL)
     drive(choices, lambda: PlantNode(settings, 0, params), known, outgoing_of_plant())
+
+
+def fuzz_hand_wheel(data: bytes) -> None:
+    """Let any traffic come to a hand wheel."""
+    choices = Choices(data)
+    overrides = HAND_WHEELS[choices.integer(0, len(HAND_WHEELS) - 1)]
+    settings = load_settings(HandWheelSettings, overrides=overrides)
+    known = (*HAND_WHEEL_RECEIVES, *HAND_WHEEL_SENDS)
+    outgoing = Outgoing(HAND_WHEEL_SENDS)
+    drive(choices, lambda: HandWheelNode(settings, 0), known, outgoing)
 
 
 @lru_cache
@@ -169,12 +198,15 @@ class Outgoing:
 def outgoing_of_controller(settings: ControllerSettings) -> Outgoing:
     """Return what checks the frames of a controller."""
     directly = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus, ModelStatus)
+    directly = (*directly, HandWheelFeedback)
     return Outgoing(directly, judge=CommandLimits(settings))
 
 
 def outgoing_of_plant() -> Outgoing:
     """Return what checks the frames of a plant."""
-    return Outgoing((PlantStatus,), delayed=(LateralError, SteeringStatus, VehicleState))
+    return Outgoing(
+        (PlantStatus,), delayed=(LateralError, SteeringStatus, SteeringForce, VehicleState)
+    )
 
 
 def drive(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.fuzz.bus_targets import fuzz_broker, fuzz_bus_client
 from tests.fuzz.command_lines import fuzz_command_line
 from tests.fuzz.log_targets import fuzz_log
-from tests.fuzz.node_targets import fuzz_controller, fuzz_plant
+from tests.fuzz.node_targets import fuzz_controller, fuzz_hand_wheel, fuzz_plant
 from tests.fuzz.settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
 from tests.support.suite.combinations import sampled
 
@@ -24,6 +24,7 @@ EXAMPLES = {
     fuzz_controller: 20,
     fuzz_log: 20,
     fuzz_plant: 15,
+    fuzz_hand_wheel: 15,
     fuzz_settings: 20,
     fuzz_trace: 10,
     fuzz_waypoints: 6,
