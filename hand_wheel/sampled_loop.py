@@ -113,13 +113,27 @@ def unstable_round_trips(loop: SampledFeedback, up_to_s: float) -> tuple[Unstabl
     return tuple(ranges)
 
 
+def tolerated_jitter_s(loop: SampledFeedback, round_trip_s: float) -> float:
+    """Return by how much the round trip may vary above a whole number of cycles, in any pattern.
+
+    0 where the loop is unstable at that round trip itself. A sufficient bound, by small gain: with
+    T = L z^-n/(1 - L z^-n), a delay between n and n + N cycles is stable if N |T (z - 1)| < 1 on
+    the unit circle (C.-Y. Kao and B. Lincoln, Simple stability criteria for systems with
+    time-varying delays, Automatica 40(8), 2004).
+    """
+    at_s = round(round_trip_s / loop.cycle_s) * loop.cycle_s
+    ranges = unstable_round_trips(loop, at_s)
+    if any(low <= at_s and (high is None or at_s < high) for low, high, _ in ranges):
+        return 0.0
+    omegas = _grid(loop)
+    open_loop = _response(loop, omegas) * np.exp(-1j * omegas * at_s)
+    gains = np.abs(open_loop / (1.0 - open_loop) * (np.exp(1j * omegas * loop.cycle_s) - 1.0))
+    return loop.cycle_s / float(gains.max())
+
+
 def _crossings(loop: SampledFeedback, up_to_s: float) -> Iterator[tuple[float, int, float]]:
     """Yield round trip [s], change of the number of unstable roots, and frequency [rad/s]."""
-    poles = np.log(np.linalg.eigvals(loop.f).astype(complex) + 1e-300) / loop.cycle_s
-    grid = np.geomspace(_FREQUENCY_MIN_RAD_S, pi / loop.cycle_s, _FREQUENCIES)
-    near = np.abs(poles.imag)[:, np.newaxis] + np.abs(poles.real)[:, np.newaxis] * [-1, 0, 1]
-    near = near[(near > grid[0]) & (near < grid[-1])]
-    omegas = np.unique(np.concatenate((grid, near)))
+    omegas = _grid(loop)
     gains = np.abs(_response(loop, omegas))
     for place in np.flatnonzero((gains[:-1] > 1.0) != (gains[1:] > 1.0)):
         low, high = omegas[place], omegas[place + 1]
@@ -135,6 +149,15 @@ def _crossings(loop: SampledFeedback, up_to_s: float) -> Iterator[tuple[float, i
         while round_trip_s <= up_to_s:
             yield round_trip_s, 2 if falls else -2, float(low)
             round_trip_s += 2.0 * pi / low
+
+
+def _grid(loop: SampledFeedback) -> Matrix:
+    """Return frequencies up to half of the sampling's, with those near the poles [rad/s]."""
+    poles = np.log(np.linalg.eigvals(loop.f).astype(complex) + 1e-300) / loop.cycle_s
+    grid = np.geomspace(_FREQUENCY_MIN_RAD_S, pi / loop.cycle_s, _FREQUENCIES)
+    near = np.abs(poles.imag)[:, np.newaxis] + np.abs(poles.real)[:, np.newaxis] * [-1, 0, 1]
+    near = near[(near > grid[0]) & (near < grid[-1])]
+    return np.unique(np.concatenate((grid, near)))
 
 
 def _response(loop: SampledFeedback, omegas_rad_s: Matrix) -> NDArray[np.complex128]:

@@ -13,6 +13,7 @@ from steer_by_wire.hand_wheel.sampled_loop import (
     FeedbackCdob,
     SampledFeedback,
     sampled_feedback,
+    tolerated_jitter_s,
     unstable_round_trips,
 )
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
@@ -184,3 +185,36 @@ def test_a_spring_alone_has_the_closed_forms_round_trip() -> None:
     # The spring is sampled a cycle late, and the motor holds for half a cycle on average.
     assert first.start_s + 1.5 * cycle_s == pytest.approx(exact.stable_delay_s, abs=2e-5)
     assert first.shakes_at_hz == pytest.approx(exact.shakes_at_hz, rel=1e-2)
+
+
+@settings(max_examples=15)
+@given(
+    st.floats(3.0, 12.0), st.floats(30.0, 130.0), st.sampled_from(sorted(GRIPS)),
+    st.integers(0, 8), st.booleans(), st.integers(0, 999),
+)  # fmt: skip
+def test_a_wheel_settles_whatever_the_pattern_of_tolerated_jitter(
+    gradient: float, speed_km_h: float, grip: str, cycles: int, has_cdob: bool, seed: int
+) -> None:
+    loop = loop_of(gradient, speed_km_h, grip, cycle_s=0.01, has_cdob=has_cdob)
+    most = int(tolerated_jitter_s(loop, cycles * 0.01) / 0.01)
+    ranges = unstable_round_trips(loop, 2.0)
+    if most == 0:
+        return
+    # A longer round trip that never changes is a pattern too.
+    assert ranges == () or (cycles + most) * 0.01 <= ranges[0].start_s
+    rng = np.random.default_rng(seed)
+    ages = rng.choice([rng.integers(0, most + 1, 6000), np.arange(6000) % (most + 1)])
+    angles = np.zeros(6000)
+    state = np.zeros(len(loop.g))
+    state[0], past = 1.0, np.zeros(6000)
+    for k in range(6000):
+        angles[k], past[k] = state[0], loop.h @ state
+        late = k - cycles - int(ages[k])
+        state = loop.f @ state + (loop.g * past[late] if late >= 0 else 0.0)
+    assert np.abs(angles[-500:]).max() < 0.7 * np.abs(angles[:1500]).max()
+
+
+def test_an_unstable_loop_tolerates_no_jitter() -> None:
+    loop = loop_of(6.0, 80, "hands_off")
+    assert tolerated_jitter_s(loop, 0.02) == 0.0
+    assert 0.008 < tolerated_jitter_s(loop, 0.004) <= 0.0101

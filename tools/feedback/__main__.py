@@ -6,11 +6,12 @@ For each torque gradient, grip and speed it prints the first unstable round trip
 ways together: exact for whole cycles, for small angles and the tyres' grip at rest. "again" marks a
 loop that is stable again at a longer round trip; --json has every range. The last column is the
 round trip up to which the wheel is passive after Colgate, from damping and torque gradient alone.
+With --jitter-at a table for each round trip shows by how much more it may vary, in any pattern.
 """
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import product
 from math import inf
@@ -24,6 +25,7 @@ from steer_by_wire.hand_wheel.sampled_loop import (
     FeedbackCdob,
     UnstableRange,
     sampled_feedback,
+    tolerated_jitter_s,
     unstable_round_trips,
 )
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
@@ -55,6 +57,8 @@ class Row(NamedTuple):
     speed_km_h: float
     unstable: tuple[UnstableRange, ...]
     passive_s: float
+    jitter_s: tuple[float, ...]
+    """At each round trip of ``--jitter-at``."""
 
     @property
     def first_s(self) -> float:
@@ -92,6 +96,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             help=f"{what}{f' [{unit}]' if unit else ''} (default: %(default)g)",
         )  # fmt: skip
     parser.add_argument(
+        "--lag-ms", type=number(0.001, 1000.0, "ms"), metavar="MS",
+        help="let a lag of first order stand for the rack's servo, as [actuator] of a plant",
+    )  # fmt: skip
+    parser.add_argument(
+        "--jitter-at", type=_numbers(0.0, 2000.0, "ms"), default=[], metavar="MS,...",
+        help="show how much longer than these a round trip may be, from frame to frame",
+    )  # fmt: skip
+    parser.add_argument(
         "--cdob", type=number(0.1, 1000.0, "rad/s"), metavar="RAD_S",
         help="add a communication disturbance observer of this bandwidth at the wheel",
     )  # fmt: skip
@@ -116,7 +128,11 @@ def _run(options: argparse.Namespace) -> int:
     ]
     record = [row._asdict() | {"unstable": [r._asdict() for r in row.unstable]} for row in rows]
     title = f"first unstable round trip [ms], {options.preset}, cycle {options.cycle_ms:g} ms"
-    show = partial(plain_console().print, result_table(rows, options.speeds_km_h, title))
+    tables = [result_table(rows, options.speeds_km_h, title)]
+    for place, at_ms in enumerate(options.jitter_at):
+        title = f"tolerated jitter [ms] above a round trip of {at_ms:g} ms"
+        tables.append(_table(rows, options.speeds_km_h, title, partial(_jitter, place)))
+    show = partial(plain_console().print, *tables, sep="\n")
     show_or_write(options.json, {"preset": options.preset, "loops": record}, show)
     if options.plot is not None:
         from steer_by_wire.tools.feedback.picture import draw  # loads matplotlib
@@ -136,26 +152,44 @@ def feedback_row(
 ) -> Row:
     """Return the unstable round trips of one loop."""
     cycle_s, damping_n_m_s = options.cycle_ms / 1e3, options.damping
-    rack = Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio)
+    lag_s = None if options.lag_ms is None else options.lag_ms / 1e3
+    rack = Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio, lag_s=lag_s)
     road = road_torque(vehicle._replace(speed_m_s=km_h / 3.6), gradient_n_m, rack)
     wheel = held_wheel(HandWheel(options.inertia, damping_n_m_s), GRIPS[grip])
     cdob = None if options.cdob is None else FeedbackCdob(road, options.cdob, options.washout)
     loop = sampled_feedback(wheel, road, cycle_s, cdob)
     held_n_m_s = damping_n_m_s + GRIPS[grip].damping_n_m_s
     passive_s = max(0.0, held_n_m_s / gradient_n_m - 0.5 * cycle_s)
-    return Row(gradient_n_m, grip, km_h, unstable_round_trips(loop, UP_TO_S), passive_s)
+    jitter_s = tuple(tolerated_jitter_s(loop, at_ms / 1e3) for at_ms in options.jitter_at)
+    unstable = unstable_round_trips(loop, UP_TO_S)
+    return Row(gradient_n_m, grip, km_h, unstable, passive_s, jitter_s)
 
 
 def result_table(rows: Sequence[Row], speeds_km_h: Sequence[float], title: str) -> Table:
     """Return a line for each torque gradient and grip, a column for each speed."""
-    table = plain_table(
-        ("gradient [N m/rad]", "grip"), [*(f"{v:g} km/h" for v in speeds_km_h), "passive"], title
-    )
+    return _table(rows, speeds_km_h, title, _cell, has_passive=True)
+
+
+def _table(
+    rows: Sequence[Row],
+    speeds_km_h: Sequence[float],
+    title: str,
+    cell: Callable[[Row], str],
+    *,
+    has_passive: bool = False,
+) -> Table:
+    columns = [*(f"{v:g} km/h" for v in speeds_km_h), *["passive"] * has_passive]
+    table = plain_table(("gradient [N m/rad]", "grip"), columns, title)
     for first in range(0, len(rows), len(speeds_km_h)):
         line = rows[first : first + len(speeds_km_h)]
         gradient, grip = f"{line[0].torque_gradient_n_m:g}", line[0].grip.replace("_", " ")
-        table.add_row(gradient, grip, *map(_cell, line), f"{1e3 * line[0].passive_s:.0f}")
+        passive = [f"{1e3 * line[0].passive_s:.0f}"] * has_passive
+        table.add_row(gradient, grip, *map(cell, line), *passive)
     return table
+
+
+def _jitter(place: int, row: Row) -> str:
+    return f"{1e3 * row.jitter_s[place]:.1f}"
 
 
 def _cell(row: Row) -> str:

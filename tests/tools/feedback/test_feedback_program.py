@@ -63,3 +63,18 @@ def test_its_page_shows_what_it_prints(capsys: pytest.CaptureFixture[str]) -> No
         assert main(command.split()[2:]) == 0
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert printed == block.splitlines()
+
+
+def test_jitter_is_shown_at_each_round_trip(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*ONE_LOOP, "--lag-ms", "10", "--jitter-at", "4,10"]) == 0
+    titles = [line for line in capsys.readouterr().out.splitlines() if "jitter" in line]
+    assert titles == [
+        f"tolerated jitter [ms] above a round trip of {at} ms" for at in (4, 10)
+    ]  # fmt: skip
+    assert main([*ONE_LOOP, "--jitter-at", "4,10", "--json", str(tmp_path / "loops.json")]) == 0
+    loops = json.loads((tmp_path / "loops.json").read_text())["loops"]
+    for row in loops:
+        near, far = row["jitter_s"]
+        assert near > far > 0.0
