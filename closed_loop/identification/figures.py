@@ -198,6 +198,12 @@ class _Bounds(NamedTuple):
         if not (is_near or is_wide):
             return low, high
         bounds = profile(self.found, self.grid, self.samples, quantity.source)
+        if quantity.name != parameter.name and quantity.source != "lag_squared_s2":
+            # Of a product the profile of one factor tells no more than whether there is an end.
+            return (
+                -inf if bounds.low == -inf else low,
+                inf if bounds.high == inf else high,
+            )
         values = self.found.values
         ends = []
         for end, none in ((bounds.low, -inf), (bounds.high, inf)):

@@ -30,8 +30,8 @@ EVALUATIONS_MAX = 25
 _ROUNDS = 4
 """With new deviations of the errors; the first ones end early."""
 _SPREAD_CHANGE = 0.02
-WHITE_BELOW = 1.5
-"""Of ``samples_alike``; chosen: of 1,000 white errors in 1,000 logs one has more."""
+_STRETCHES, _CHANCE = (3, 10, 25), 4.0
+"""Lengths of the stretches that show a colour; standard deviations that are chance."""
 _MANOEUVRES = 12
 """In a drive, for the correlation of the errors; chosen."""
 _DIFFERENCE = 1e-3
@@ -44,6 +44,7 @@ class Fit(NamedTuple):
     ``x``           coordinates of the parameters sought, then of those assumed, shape (p,)
     ``covariance``  of them, shape (p, p); half the width of an interval is ``critical`` deviations
     ``plain``       the covariance if the errors were white
+    ``bare``        that of the parameters sought if the assumed ones were known, too
     ``errors``      measured less seen, of each sensor in its unit
     ``deviations``  of each sensor's errors
     ``cost``        Σ e², with the priors
@@ -53,6 +54,7 @@ class Fit(NamedTuple):
     x: FloatArray
     covariance: FloatArray
     plain: FloatArray
+    bare: FloatArray
     critical: float
     errors: tuple[FloatArray, ...]
     deviations: FloatArray
@@ -242,7 +244,9 @@ def _described(judge: Judge, x: FloatArray, is_whole: bool) -> Fit:
     critical = 1.96 + share * (2.9694 + share * (0.4160 - 0.5324 * share))
     cost = float(residuals @ residuals)
     deviations = judge.deviations
-    return Fit(problem, x, covariance, plain, critical, tuple(errors), deviations, cost, is_whole)
+    return Fit(
+        problem, x, covariance, plain, inverse, critical, tuple(errors), deviations, cost, is_whole
+    )  # fmt: skip
 
 
 def _scores(samples: Sequence[Samples], products: FloatArray) -> FloatArray:
@@ -258,7 +262,7 @@ def _scores(samples: Sequence[Samples], products: FloatArray) -> FloatArray:
 def _lags(errors: Sequence[FloatArray], periods: int) -> int:
     """Return Andrews' L for the most correlated errors, taken as AR(1)."""
     alike = max(samples_alike(e) for e in errors)
-    if alike < WHITE_BELOW:
+    if all(is_white(e) for e in errors):
         return 0
     kept = min((alike - 1.0) / (alike + 1.0), 0.995)
     alpha = 4.0 * kept**2 / ((1.0 - kept) ** 2 * (1.0 + kept) ** 2)
@@ -272,12 +276,17 @@ def samples_alike(errors: FloatArray) -> float:
     correlation of neighbours.
     """
     off, found = errors - errors.mean(), 1.0
-    for length in (3, 10, 25):
+    for length in _STRETCHES:
         count = len(off) // length
         if count > 10:
             sums = off[: count * length].reshape(count, length).sum(axis=1)
             found = max(found, float(sums @ sums / count / length / max(off.var(), 1e-300)))
     return found
+
+
+def is_white(errors: FloatArray) -> bool:
+    """Return whether no stretch of errors has more to its sum than chance gives."""
+    return bool(samples_alike(errors) < 1.0 + _CHANCE * np.sqrt(2.0 * _STRETCHES[-1] / len(errors)))
 
 
 def _long_run(scores: FloatArray, lags: int) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 from .figures import Figure, figures_of
-from .fit import WHITE_BELOW, Fit, Progress, fit, refit, samples_alike, yaw_rate_residual_percent
+from .fit import Fit, Progress, fit, is_white, refit, samples_alike, yaw_rate_residual_percent
 from .parameters import FRICTION_MAX, Known, problem_of
 from .response import Grid, Samples, grid_of, residuals_percent, samples_of
 from .time_series import Drive, Quantity
@@ -100,7 +100,7 @@ def identify(
 
 
 def _is_coloured(found: Fit) -> bool:
-    return max(map(samples_alike, found.errors)) > WHITE_BELOW
+    return not all(map(is_white, found.errors))
 
 
 def _of_rates(drive: Drive) -> Drive:
@@ -128,11 +128,11 @@ def _doubts(found: Fit, grid: Grid, samples: Sequence[Samples], residual: float)
         result = f"residual {percent:.2f} % instead of {residual:.2f} %"
         doubts.append(Doubt(f"{what}{': refused' if is_worse else ': not refused'}", result, True))
     alike = max(map(samples_alike, found.errors))
-    white = alike < WHITE_BELOW
+    white = not _is_coloured(found)
     doubts.append(
         Doubt(
             "errors are white" if white else "errors are not white: intervals are widened for it",
-            f"{alike:.1f} in a row tell as much as one, white below {WHITE_BELOW:g}",
+            f"{alike:.1f} in a row tell as much as one",
             white,
         )
     )
@@ -198,7 +198,7 @@ def _refuse_late_side(found: Fit) -> None:
 
 def _refuse_misfit(found: Fit, samples: Sequence[Samples], grid: Grid, residual: float) -> None:
     errors = found.errors[0]
-    if residual < RESIDUAL_PERCENT_MAX or samples_alike(errors) < WHITE_BELOW:
+    if residual < RESIDUAL_PERCENT_MAX or is_white(errors):
         return
     speed = np.interp(samples[0].place, np.arange(len(grid.speed_m_s)), grid.speed_m_s)
     side = np.abs(speed * samples[0].values)

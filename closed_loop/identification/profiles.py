@@ -2,7 +2,7 @@
 
 A covariance describes the cost at its minimum. Where the cost is flat, bent or ends at a limit, the
 profile says what the log knows. The cost may rise by the square of the critical value, times how
-much wider the errors of the model make the covariance than white ones.
+much wider the errors of the model, and what is assumed, make the variance.
 """
 
 from collections.abc import Sequence
@@ -30,13 +30,9 @@ def profile(found: Fit, grid: Grid, samples: Sequence[Samples], name: str) -> Pr
     """Return the interval of a parameter that is sought, from the profile of the cost."""
     at = found.problem.place(name)
     parameter = found.problem.parameters[at]
-    sought = len(found.problem.parameters)
     spread = float(np.sqrt(found.covariance[at, at]))
-    assumed = float(found.covariance[at, at] - found.plain[at, at])
-    widening = (float(found.plain[at, at]) + max(assumed, 0.0)) / float(found.plain[at, at])
-    allowed = found.critical**2 * widening
-    base = refit((grid, samples), {}, found).cost if sought else found.cost
-    least = min(base, found.cost)
+    allowed = found.critical**2 * float(found.covariance[at, at] / found.bare[at, at])
+    least = min(refit((grid, samples), {}, found).cost, found.cost)
 
     def end(sign: float) -> float:
         limit = parameter.high if sign > 0.0 else parameter.low
