@@ -74,6 +74,10 @@ class OwnVehicleNotCompiledError(SettingsError):
     """The vehicle's equations come from another package; only the nodes integrate those."""
 
 
+class HandWheelNotCompiledError(SettingsError):
+    """A hand wheel may steer, or its force takes part in the network; only the nodes have these."""
+
+
 class StandingNotCompiledError(SettingsError):
     """The controller steers no vehicle that stands; only the nodes know when it does."""
 
@@ -184,10 +188,11 @@ def run_compiled(
     ``schedule``  made from the same settings; runs that differ in law, vehicle or path only may
                   share it
 
-    Raises FaultsNotCompiledError for settings with faults, OwnVehicleNotCompiledError for a vehicle
-    of another package, StandingNotCompiledError for a car that stands, LawNotCompiledError for a
-    law of another package that does not compile, and NothingArrivesError where no measurement would
-    ever reach the controller.
+    Raises FaultsNotCompiledError for settings with faults, HandWheelNotCompiledError for those of a
+    hand wheel, OwnVehicleNotCompiledError for a vehicle of another package,
+    StandingNotCompiledError for a car that stands, LawNotCompiledError for a law of another package
+    that does not compile, and NothingArrivesError where no measurement would ever reach the
+    controller.
     """
     of_frames = len(plant.faults) - len(plant.steering_failures)
     if of_frames:
@@ -195,6 +200,16 @@ def run_compiled(
             f"faults: {of_frames} of frames given, but compiled runs have none; leave these out, or"
             " run the nodes: steer-by-wire run"
         )
+    for key, table in (
+        ("plant.hand_wheel", plant.hand_wheel),
+        ("plant.steering_force", plant.steering_force),
+        ("controller.hand_wheel", controller.hand_wheel),
+    ):
+        if table is not None:
+            raise HandWheelNotCompiledError(
+                f"{key}: compiled runs have no hand wheel; leave it out, or run the nodes:"
+                " steer-by-wire run --hand-wheel still"
+            )
     if plant.vehicle.model is not None:
         raise OwnVehicleNotCompiledError(
             f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the plant's own equations"

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire import SettingsError, simulate
 from steer_by_wire.tools.run.__main__ import main
 
 PAIR = (
@@ -39,7 +40,7 @@ def test_a_late_torque_shakes_the_wheel_and_the_last_line_says_so(
 ) -> None:
     short, late = (
         run(
-            tmp_path, *PAIR, *DRIVEN, *KICKED, "--duration", "12",
+            tmp_path, *PAIR, *DRIVEN, *KICKED, "--duration", "10",
             "--set", f"plant.latency.uplink.mean_s={mean_s}",
         )[1]
         for mean_s in (0.0, 0.2)
@@ -53,7 +54,7 @@ def test_the_command_that_a_run_prints_makes_it_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     first, _ = run(
-        tmp_path, *PAIR, "--hand-wheel", "two_point", "--duration", "3", *DRIVEN,
+        tmp_path, *PAIR, "--hand-wheel", "two_point", "--duration", "2", *DRIVEN,
         "--set", "hand_wheel.cycle_ms=2", "--set", "plant.latency.downlink.spread_s=0.01",
         "--set", "plant.latency.downlink.mean_s=0.03",
         "--set", "plant.latency.downlink.model=gamma",
@@ -107,11 +108,19 @@ def test_when_the_road_falls_silent_the_feedback_fades_out(tmp_path: Path) -> No
 def test_a_car_with_a_rack_is_felt_too(tmp_path: Path) -> None:
     folder, reports = run(
         tmp_path, "--preset", "large_sedan", "--preset", "highway_pd", *DRIVEN,
-        "--hand-wheel", "two_point", "--set", "plant.car.rack={}", "--duration", "10",
+        "--hand-wheel", "two_point", "--set", "plant.car.rack={}", "--duration", "5",
     )  # fmt: skip
     forces = [abs(float(row["rack_force_n"])) for row in rows(folder)]
     assert 200.0 < max(forces) < 5000.0
     assert node(reports, "plant_emulator")["peak_m"] < 1.0
+
+
+@pytest.mark.parametrize(
+    "table", ["plant.hand_wheel", "plant.steering_force", "controller.hand_wheel"]
+)
+def test_a_compiled_run_refuses_a_hand_wheel(table: str) -> None:
+    with pytest.raises(SettingsError, match=f"^{table}: compiled runs have no hand wheel"):
+        simulate(engine="compiled", overrides={table: {}})
 
 
 @pytest.mark.parametrize(
