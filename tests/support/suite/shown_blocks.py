@@ -30,7 +30,7 @@ WHY_NOT = (
     (r" -i (?!emulated)|vcan0|^with-vcan|--fd", "needs a CAN interface"),
     (r"^(bus|cockpit|monitor) ?", "goes on in real time"),
     (
-        r"^faults (?!--list)|FOLDER|out/gains|out/study|--controller-command",
+        r"^faults (?!--list)|FOLDER|drive\.csv|out/car|out/gains|out/study|--controller-command",
         "needs something of the reader's",
     ),
     (r"^(demo|design|paper|study(?! --list))", "takes minutes"),
