@@ -14,7 +14,7 @@ demo: $(STAMP)
 # Three processes for two cores, since many tests wait for programs. These are started by the hundred,
 # so that what Python compiles is kept, also where the environment says otherwise.
 test: $(STAMP)
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 3 --dist loadfile
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 4 --dist loadfile
 
 # The site, in docs/_build; a warning is an error. -a: every page lists all others beside it.
 docs: $(STAMP)

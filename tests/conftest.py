@@ -3,7 +3,7 @@
 Tests that need a real ``vcan0`` are marked ``@pytest.mark.vcan``. They are collected like all
 others and moved to the end; ``vcan_session`` runs them where there is one.
 
-On two cores, with ``-n 3 --dist loadfile`` (pytest-xdist), one worker begins with the files of
+On two cores, with ``-n 4 --dist loadfile`` (pytest-xdist), one worker begins with the files of
 these. The others are distributed a file at a time, so that each file is prepared once.
 """
 

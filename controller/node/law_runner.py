@@ -33,7 +33,8 @@ class LawRunner:
     """Holds the law, its state and the history of the bus.
 
     ``design``    the law
-    ``bus_history``  commands, measurements and echoes for a law that looks back; None for others
+    ``bus_history``  measurements, by which a law that looks back knows their rate; None for others
+    ``read_history``  that one with commands and echoes, for a law that reads them; None for others
     ``output``    newest finite output
     ``acting``    index of the value of the newest plan that acts first; -1 for no plan
     ``failures``  how often its output was not finite
@@ -49,7 +50,8 @@ class LawRunner:
             if self.design.looks_back
             else None
         )
-        self._history = NO_HISTORY if self.bus_history is None else self.bus_history.history
+        self.read_history = self.bus_history if self.design.reads_history else None
+        self._history = NO_HISTORY if self.read_history is None else self.read_history.history
         self.output = LawOutput(0.0, 0.0, 0.0, 0.0)
         self.failures = 0
         self.acting = -1
@@ -103,7 +105,7 @@ class LawRunner:
 
     def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
         """Advance by one period; returns the command [rad], None if it is not finite."""
-        bus_history, design = self.bus_history, self.design
+        bus_history, design = self.read_history, self.design
         loop_delay = (
             NO_LOOP_DELAY if bus_history is None else bus_history.loop_delay(period, now_ns)
         )

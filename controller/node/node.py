@@ -126,18 +126,18 @@ class ControllerNode:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Process a frame; the response to a measurement is sent at the next tick."""
-        received, bus_history = self._received, self._law.bus_history
+        received, read = self._received, self._law.read_history
         before_ns = received.errors.arrival_ns
         message = received.reception.receive(frame, now_ns)
         if type(message) is LateralError:
             received.on_error(message)
             self._supervisor.on_measurement(before_ns, now_ns)
-            if bus_history is not None:
+            if (bus_history := self._law.bus_history) is not None:
                 bus_history.on_error(message, received.errors.counter, now_ns)
         elif type(message) is SteeringStatus:
             self._on_echo(message, now_ns)
-            if bus_history is not None:
-                bus_history.on_echo(message, received.statuses.counter, now_ns)
+            if read is not None:
+                read.on_echo(message, received.statuses.counter, now_ns)
         elif type(message) is VehicleState:
             speed_m_s = message.speed_m_s
             received.on_motion(message)
@@ -146,10 +146,10 @@ class ControllerNode:
             )
             self._law.on_speed(speed_m_s)
             self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
-            if bus_history is not None:
-                bus_history.on_vehicle(now_ns)
-        elif type(message) is PathAhead and bus_history is not None:
-            bus_history.on_path(message, received.vehicle.speed_m_s)
+            if read is not None:
+                read.on_vehicle(now_ns)
+        elif type(message) is PathAhead and read is not None:
+            read.on_path(message, received.vehicle.speed_m_s)
         elif type(message) is HandWheelState and self._driver is not None:
             self._driver.on_state(message)
         elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
@@ -375,7 +375,7 @@ class ControllerNode:
     def _command_frame(self, mode: Mode, now_ns: int, period: int) -> Frame:
         """Return the command of this period or its plan, and record that it was sent."""
         steer_rad, law, figures = self._sent_steer_rad, self._law, self._figures
-        bus_history, acting = law.bus_history, law.acting
+        bus_history, acting = law.read_history, law.acting
         arrival_ns = self._received.errors.arrival_ns
         is_planned = acting >= 0 and mode is _ACTIVE
         if is_planned and bus_history is not None:

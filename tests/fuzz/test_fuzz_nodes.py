@@ -99,7 +99,6 @@ def drain(node: ReportingNode, now_ns: int) -> int:
         (make_controller, 0, 300),
         (make_controller, 6, 300),
         # Its lines have statistics of their latencies too.
-        (make_plant, 0, 3_000),
         (make_plant, 3, 3_000),
         (make_faulty, 0, 3_000),
     ],
