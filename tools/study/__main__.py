@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from steer_by_wire.runtime.command_line import command_parser, run_main, whole_number
+from steer_by_wire.runtime.command_line import command_parser, offer, run_main, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.settings import preset_names
@@ -31,10 +31,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     example = f"{NAME} latency_jitter --dry-run"
     parser = command_parser(NAME, __doc__, example, "[STUDY] [options]")
-    parser.add_argument(
+    shipped = [*preset_names(SHIPPED), *preset_names(FAULT_TIME)]
+    study = parser.add_argument(
         "study", type=_study_file, nargs="?", metavar="STUDY",
-        help=f"a file, or one of {', '.join([*preset_names(SHIPPED), *preset_names(FAULT_TIME)])}",
+        help=f"a file, or one of {', '.join(shipped)}",
     )  # fmt: skip
+    offer(study, lambda: shipped)
     parser.add_argument("--list", action="store_true", help="print the shipped studies, and end")
     parser.add_argument(
         "--report", type=Path, metavar="DIR",
