@@ -14,7 +14,7 @@ from .driver import DriverParams, Kick, TwoPointParams
 from .feedback_laws import FeedbackParams, kept_of, sampled_model
 from .modes import FeedbackSupervision
 from .nominal_road import Rack, RoadVehicle, road_torque
-from .wheel import GRIPS, HandWheel
+from .wheel import GRIPS, HandWheel, LinearSystem
 from .wheel_step import WheelParams, wheel_params
 
 PRESETS = "steer_by_wire.hand_wheel.presets"
@@ -176,18 +176,23 @@ class HandWheelSettings(Settings):
         )
 
     @property
+    def nominal_way(self) -> LinearSystem:
+        """The way from hand wheel angle to the road's torque, without a bus."""
+        model = self.nominal_model
+        vehicle = RoadVehicle(*(getattr(model, name) for name in RoadVehicle._fields))
+        rack = Rack(steering_ratio=self.steering_ratio, lag_s=max(model.actuator_lag_s, _LAG_S_MIN))
+        return road_torque(vehicle, self.feedback.torque_gradient_n_m, rack)
+
+    @property
     def feedback_params(self) -> FeedbackParams:
         """Constants of the law: takes some milliseconds."""
         table, model, ratio = self.feedback, self.nominal_model, self.steering_ratio
         gradient = table.torque_gradient_n_m
-        vehicle = RoadVehicle(*(getattr(model, name) for name in RoadVehicle._fields))
-        lag_s = max(model.actuator_lag_s, _LAG_S_MIN)
-        road = road_torque(vehicle, gradient, Rack(steering_ratio=ratio, lag_s=lag_s))
-        force_n_rad = vehicle.front_cornering_stiffness_n_rad * model.trail_m / model.arm_m
+        force_n_rad = model.front_cornering_stiffness_n_rad * model.trail_m / model.arm_m
         return FeedbackParams(
             gradient * ratio / force_n_rad,
             gradient * ratio,
-            *sampled_model(road, self.cycle_s),
+            *sampled_model(self.nominal_way, self.cycle_s),
             kept_of(table.cutoff_rad_s, self.cycle_s),
             kept_of(table.washout_rad_s, self.cycle_s),
             table.damping_n_m_s,

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from rich.table import Table
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console, plain_table
-from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.closed_loop.scripting.feedback import UP_TO_S, Rack, road_torque
 from steer_by_wire.hand_wheel.sampled_loop import (
     FeedbackCdob,
     UnstableRange,
@@ -45,8 +45,6 @@ from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.runtime.settings import load_settings, read_preset
 
 NAME = "steer-by-wire feedback"
-UP_TO_S = 2.0
-"""The longest round trip that is looked at."""
 
 
 class Row(NamedTuple):

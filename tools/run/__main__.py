@@ -165,6 +165,10 @@ def _run(options: argparse.Namespace) -> int:
     )
     reports = reports_of(run, plant_settings, controller, wheel)
     lines = summary(run, reports)
+    if wheel is not None:
+        from steer_by_wire.closed_loop.scripting.feedback import computed_text  # loads scipy
+
+        lines.append(("feedback", computed_text(plant_settings, wheel)))
     if files is not None:
         for program, report in reports.items():
             write_json(files.report(program), report)

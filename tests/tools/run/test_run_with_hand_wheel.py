@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,13 @@ def test_a_late_torque_shakes_the_wheel_and_the_last_line_says_so(
     )  # fmt: skip
     assert node(short, "hand_wheel")["verdict"] == "still"
     assert node(late, "hand_wheel")["verdict"].startswith("shakes at 0.")
-    assert "; hand wheel: shakes at" in capsys.readouterr().out.splitlines()[-1]
+    printed = capsys.readouterr().out
+    assert "; hand wheel: shakes at" in printed.splitlines()[-1]
+    first_ms = {
+        int(text) for text in re.findall(r"unstable from a round trip of (\d+) ms", printed)
+    }
+    assert len(first_ms) == 1
+    assert 0 < first_ms.pop() < 200
 
 
 def test_the_command_that_a_run_prints_makes_it_again(
