@@ -21,14 +21,14 @@ With a communication disturbance observer (CDOB) the torque at the wheel is
     slow  low-pass of the washout: what is slower reaches the hand from the road alone
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from math import exp, pi
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
+from scipy.linalg import expm, schur
 
 from .wheel import LinearSystem, Matrix
 
@@ -126,25 +126,25 @@ def tolerated_jitter_s(loop: SampledFeedback, round_trip_s: float) -> float:
     if any(low <= at_s and (high is None or at_s < high) for low, high, _ in ranges):
         return 0.0
     omegas = _grid(loop)
-    open_loop = _response(loop, omegas) * np.exp(-1j * omegas * at_s)
+    open_loop = _response_of(loop)(omegas) * np.exp(-1j * omegas * at_s)
     gains = np.abs(open_loop / (1.0 - open_loop) * (np.exp(1j * omegas * loop.cycle_s) - 1.0))
     return loop.cycle_s / float(gains.max())
 
 
 def _crossings(loop: SampledFeedback, up_to_s: float) -> Iterator[tuple[float, int, float]]:
     """Yield round trip [s], change of the number of unstable roots, and frequency [rad/s]."""
-    omegas = _grid(loop)
-    gains = np.abs(_response(loop, omegas))
+    omegas, response = _grid(loop), _response_of(loop)
+    gains = np.abs(response(omegas))
     for place in np.flatnonzero((gains[:-1] > 1.0) != (gains[1:] > 1.0)):
         low, high = omegas[place], omegas[place + 1]
         falls = gains[place] > 1.0
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
-            if (abs(_response(loop, np.array([middle]))[0]) > 1.0) == falls:
+            if (abs(response(np.array([middle]))[0]) > 1.0) == falls:
                 low = middle
             else:
                 high = middle
-        angle = float(np.angle(_response(loop, np.array([low]))[0])) % (2.0 * pi)
+        angle = float(np.angle(response(np.array([low]))[0])) % (2.0 * pi)
         round_trip_s = angle / low
         while round_trip_s <= up_to_s:
             yield round_trip_s, 2 if falls else -2, float(low)
@@ -160,11 +160,20 @@ def _grid(loop: SampledFeedback) -> Matrix:
     return np.unique(np.concatenate((grid, near)))
 
 
-def _response(loop: SampledFeedback, omegas_rad_s: Matrix) -> NDArray[np.complex128]:
-    z = np.exp(1j * omegas_rad_s * loop.cycle_s)
-    systems = z[:, np.newaxis, np.newaxis] * np.eye(len(loop.g)) - loop.f
-    states = np.linalg.solve(systems, np.broadcast_to(loop.g, (len(z), len(loop.g)))[..., None])
-    return np.asarray(states[..., 0] @ loop.h, np.complex128)
+def _response_of(loop: SampledFeedback) -> Callable[[Matrix], NDArray[np.complex128]]:
+    """Return L over frequencies [rad/s], by one Schur form of F for all of them."""
+    triangle, basis = schur(loop.f, output="complex")
+    g, h = basis.conj().T @ loop.g, loop.h @ basis
+
+    def response(omegas_rad_s: Matrix) -> NDArray[np.complex128]:
+        z = np.exp(1j * omegas_rad_s * loop.cycle_s)
+        states = np.zeros((len(g), len(z)), np.complex128)
+        for row in reversed(range(len(g))):
+            below = triangle[row, row + 1 :] @ states[row + 1 :]
+            states[row] = (g[row] + below) / (z - triangle[row, row])
+        return np.asarray(h @ states, np.complex128)
+
+    return response
 
 
 def zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:

@@ -35,9 +35,9 @@ from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 SEED = 61
 FACTORS = (0.98, 1.02)
 GRADIENTS_N_M = (1.0, 60.0)
-_BISECTIONS = 10
+_BISECTIONS = 8
 _GRID = 10
-DURATION_S, SETTLED_S, WINDOWS = 30.0, 6.0, 6
+DURATION_S, SETTLED_S, WINDOWS = 22.0, 5.0, 5
 _LINEAR_RAD, _LINEAR_N_M = 6.0, 18.0
 NO_LIMITS = dict.fromkeys(
     (
