@@ -25,7 +25,7 @@ ROAD = {
     "plant.vehicle.rear_cornering_stiffness_n_rad": 150e3,
     "plant.vehicle.front_axle_distance_m": 1.25,
     "plant.vehicle.rear_axle_distance_m": 1.5,
-    "plant.actuator.lag_s": 0.1,
+    "plant.actuator.lag_s": 0.115,
     "plant.path": {
         "kind": "single_lane_change", "start_m": 44.4, "offset_m": 3.5, "length_m": 53.0
     },
@@ -69,7 +69,7 @@ def test_no_command_passes_the_limits_of_angle_and_rate(
         sent_rad = output.steer_rad - state.predictor.fade_rad
 
 
-@pytest.mark.parametrize(("knows_path", "off_m", "share"), [(False, 0.25, 0.5), (True, 0.06, 0.7)])
+@pytest.mark.parametrize(("knows_path", "off_m", "share"), [(False, 0.25, 0.5), (True, 0.07, 0.7)])
 def test_a_lane_change_is_held_better_than_by_the_predictor(
     knows_path: bool, off_m: float, share: float
 ) -> None:
@@ -98,7 +98,7 @@ def test_a_plan_that_knows_the_limit_of_the_rate_begins_its_turns_in_time() -> N
     assert ignores.peak_m > 2.0
 
 
-@pytest.mark.parametrize(("wheel_lag_s", "is_stable"), [(0.1, True), (0.0, False)])
+@pytest.mark.parametrize(("wheel_lag_s", "is_stable"), [(0.115, True), (0.0, False)])
 def test_a_check_counts_on_the_lag_that_the_law_believes_in(
     wheel_lag_s: float, is_stable: bool
 ) -> None:
@@ -109,7 +109,7 @@ def test_a_check_counts_on_the_lag_that_the_law_believes_in(
     assert around.is_stable(200 * MS) is is_stable
     checked = loop_around(believing, fast, {})
     assert isinstance(checked, PeriodicLoop)
-    assert checked.loop_model.actuator_lag_s == 0.1
+    assert checked.loop_model.actuator_lag_s == 0.115
 
 
 def test_a_model_that_changes_is_refused_in_one_line() -> None:

@@ -1,8 +1,8 @@
 """A car on a road, written apart: it shares no line with the plant but the messages on the bus.
 
 Single track with the Magic Formula and relaxation in global coordinates, RK4 at 1 ms, the speed
-constant; a road drawn from its curvature by small steps; the deviations are distances to the nearest
-of its points. Between controller and car only frames travel, the commands with a constant latency.
+constant; a road drawn from its curvature by small steps; the deviations are distances to the
+nearest of its points. Between controller and car only frames travel, the commands with a constant latency.
 """
 
 from collections import deque
@@ -23,6 +23,7 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
     decode,
 )
+from steer_by_wire.runtime.array_types import FloatArray
 
 MASS_KG, INERTIA_KG_M2, FRONT_M, REAR_M, PREVIEW_M = 1750.0, 2900.0, 1.25, 1.5, 2.0
 STIFFNESS_N_RAD = 120e3, 150e3
@@ -35,15 +36,24 @@ ROAD_STEP_M = 0.01
 class Road(NamedTuple):
     """Points of a road, ``ROAD_STEP_M`` apart."""
 
-    x_m: np.ndarray
-    y_m: np.ndarray
-    heading_rad: np.ndarray
-    curvature_1_m: np.ndarray
+    x_m: FloatArray
+    y_m: FloatArray
+    heading_rad: FloatArray
+    curvature_1_m: FloatArray
 
 
-def lane_change(start_m: float, arc_m: float, peak_1_m: float) -> Road:
+def lane_change(start_m: float, offset_m: float, peak_1_m: float) -> Road:
     """Return a road straight, left, right, straight: its curvature is linear between the peaks."""
-    s = np.arange(0.0, start_m + arc_m + 400.0, ROAD_STEP_M)
+    low, high = 5.0, 400.0
+    for _ in range(30):
+        arc_m = 0.5 * (low + high)
+        road = _lane_change(0.0, arc_m, peak_1_m, 0.0)
+        low, high = (arc_m, high) if road.y_m[-1] < offset_m else (low, arc_m)
+    return _lane_change(start_m, low, peak_1_m, 400.0)
+
+
+def _lane_change(start_m: float, arc_m: float, peak_1_m: float, end_m: float) -> Road:
+    s = np.arange(0.0, start_m + arc_m + end_m, ROAD_STEP_M)
     at = [0.0, start_m, start_m + 0.25 * arc_m, start_m + 0.75 * arc_m, start_m + arc_m]
     curvature = np.interp(s, at, [0.0, 0.0, peak_1_m, -peak_1_m, 0.0])
     heading = np.cumsum(curvature) * ROAD_STEP_M
@@ -59,6 +69,7 @@ class Place(NamedTuple):
 
 
 def nearest(road: Road, x_m: float, y_m: float, near: int) -> Place:
+    """Return the nearest point of the road, not far from the point ``near``."""
     low = max(near - 300, 0)
     window = slice(low, near + 300)
     index = low + int(np.argmin(np.hypot(road.x_m[window] - x_m, road.y_m[window] - y_m)))
@@ -67,7 +78,7 @@ def nearest(road: Road, x_m: float, y_m: float, near: int) -> Place:
     return Place(index, across)
 
 
-def rates(state: np.ndarray, command_rad: float, speed_m_s: float, friction: float) -> np.ndarray:
+def rates(state: FloatArray, command_rad: float, speed_m_s: float, friction: float) -> FloatArray:
     """Return d/dt of (x, y, heading, v, r, front and rear slip, wheel)."""
     _, _, heading, v, r, front_slip, rear_slip, wheel = state
     play = min(max(command_rad - wheel, -PLAY_RAD), PLAY_RAD)
@@ -82,7 +93,7 @@ def rates(state: np.ndarray, command_rad: float, speed_m_s: float, friction: flo
     front_n = forces[0] * cos(wheel)
     front_steady = wheel - atan((v + FRONT_M * r) / speed_m_s)
     rear_steady = -atan((v - REAR_M * r) / speed_m_s)
-    return np.array(
+    found: FloatArray = np.array(
         [
             speed_m_s * cos(heading) - v * sin(heading),
             speed_m_s * sin(heading) + v * cos(heading),
@@ -94,6 +105,7 @@ def rates(state: np.ndarray, command_rad: float, speed_m_s: float, friction: flo
             wheel_rate,
         ]
     )
+    return found
 
 
 def largest_deviation_m(
@@ -107,7 +119,7 @@ def largest_deviation_m(
     """Return the largest distance of the centre of gravity from the road."""
     node = ControllerNode(controller, 0)
     senders = {kind: Sender(kind) for kind in (LateralError, SteeringStatus, VehicleState)}
-    state = np.zeros(8)
+    state: FloatArray = np.zeros(8)
     under_way: deque[tuple[int, float, int]] = deque()
     command_rad, applied, worst_m = 0.0, -1, 0.0
     cg, preview = 0, round(PREVIEW_M / ROAD_STEP_M)
