@@ -1,8 +1,8 @@
 """A car on a road, written apart: it shares no line with the plant but the messages on the bus.
 
 Single track with the Magic Formula and relaxation in global coordinates, RK4 at 1 ms, the speed
-constant; a road drawn from its curvature by small steps; the deviations are distances to the
-nearest of its points. Between controller and car only frames travel, the commands with a constant latency.
+constant; a road drawn from its curvature by small steps; deviations are distances to the nearest of
+its points. Between controller and car only frames travel, the commands with a constant latency.
 """
 
 from collections import deque
