@@ -28,7 +28,7 @@ from .steering.hand_wheel import HandWheelSettings
 from .steering.settings import SafetySettings, resync_ns_of
 from .vehicle.car.rack_settings import LAG_S_MIN
 from .vehicle.car.settings import CarSettings
-from .vehicle.car.steering_health import Failure
+from .vehicle.car.steering_health import Failure, Health
 from .vehicle.motion_parameters import motion_params
 from .vehicle.moving_vehicle import AnyMotionParams
 from .vehicle.settings import (
@@ -175,17 +175,16 @@ class PlantSettings(Settings):
 
 def _failure(fault: FaultSettings) -> Failure:
     start_ns = round(fault.onset_s * NS_PER_S)
-    lasting = Failure(start_ns, start_ns + round(fault.duration_s * NS_PER_S))
-    match fault.kind:
-        case FaultKind.WEAK_MOTOR:
-            return lasting._replace(torque_share=fault.magnitude)
-        case FaultKind.LOST_CHANNEL:
-            return lasting._replace(torque_share=0.5, resistance_factor=2.0)
-        case FaultKind.SLOW_WHEEL:
-            return lasting._replace(rate_share=fault.magnitude)
-        case FaultKind.STUCK_WHEEL:
-            return lasting._replace(rate_share=0.0)
-    return lasting._replace(sensor_rad_s=fault.magnitude)
+    left = {
+        FaultKind.WEAK_MOTOR: Health(torque_share=fault.magnitude),
+        FaultKind.LOST_CHANNEL: Health(torque_share=0.5, resistance_factor=2.0),
+        FaultKind.SLOW_WHEEL: Health(rate_share=fault.magnitude),
+        FaultKind.STUCK_WHEEL: Health(rate_share=0.0),
+        FaultKind.REVERSED_WHEEL: Health(command_factor=-1.0),
+        FaultKind.OFFSET_SENSOR: Health(sensor_rad=fault.magnitude),
+        FaultKind.DRIFTING_SENSOR: Health(sensor_rad_s=fault.magnitude),
+    }[fault.kind]
+    return Failure(start_ns, start_ns + round(fault.duration_s * NS_PER_S), left)
 
 
 def plant_motion_params(settings: PlantSettings) -> AnyMotionParams:

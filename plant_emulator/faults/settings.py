@@ -76,6 +76,9 @@ class FaultKind(StrEnum):
     """One of two windings of the motor: half of the current, through twice the resistance."""
     SLOW_WHEEL = "slow_wheel"
     STUCK_WHEEL = "stuck_wheel"
+    REVERSED_WHEEL = "reversed_wheel"
+    """The steering takes left for right."""
+    OFFSET_SENSOR = "offset_sensor"
     DRIFTING_SENSOR = "drifting_sensor"
     """The angle that the sensor reads, and the steering holds, moves away from the wheels."""
 
@@ -115,6 +118,8 @@ MAGNITUDES: Mapping[FaultKind, Magnitude] = MappingProxyType(
         FaultKind.LOST_CHANNEL: Magnitude("channels lost, of two", 1, 1, True),
         FaultKind.SLOW_WHEEL: Magnitude("share of the rate that is left", 1e-3, 1.0),
         FaultKind.STUCK_WHEEL: Magnitude("wheels stuck", 1, 1, True),
+        FaultKind.REVERSED_WHEEL: Magnitude("wheels reversed", 1, 1, True),
+        FaultKind.OFFSET_SENSOR: Magnitude("rad", -1.0, 1.0),
         FaultKind.DRIFTING_SENSOR: Magnitude("rad/s", -1.0, 1.0),
     }
 )
@@ -133,6 +138,8 @@ MOTOR_FAULTS = frozenset({FaultKind.WEAK_MOTOR, FaultKind.LOST_CHANNEL})
 STEERING_FAULTS = MOTOR_FAULTS | {
     FaultKind.SLOW_WHEEL,
     FaultKind.STUCK_WHEEL,
+    FaultKind.REVERSED_WHEEL,
+    FaultKind.OFFSET_SENSOR,
     FaultKind.DRIFTING_SENSOR,
 }
 """The kinds inside the steering of a car; those of the motor need `[car.rack]`."""

@@ -1,19 +1,15 @@
-"""The study of fault times: its cases on worker processes, a table, a file and a picture."""
+"""The study of fault times: a table, a file and a picture."""
 
 import argparse
 import csv
 import io
 import math
-import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
-from ...closed_loop.processes.parallel_work import worker_pool
 from ...closed_loop.reports.plot_style import LINES, plot_style, png_of
 from ...closed_loop.reports.terminal import plain_console
 from ...closed_loop.studies.fault_time.longest_time import longest_time_s
@@ -42,7 +38,7 @@ def run_fault_time(options: argparse.Namespace) -> int:
     print_line(f"cases: {len(cases)}, each of 2 to {_runs_max(settings)} runs")
     if options.dry_run:
         return ExitStatus.OK
-    times = _computed(settings, cases, options.workers or os.cpu_count() or 1, print_line)
+    times = {case: longest_time_s(settings, case) for case in cases}
     for line in lines_of(settings, times):
         print_line(line)
     folder = options.out or Path("out/study/fault_time")
@@ -61,24 +57,6 @@ def _runs_max(settings: FaultTimeSettings) -> int:
     return 3 + math.ceil(math.log2(settings.time_s_max / settings.resolution_s))
 
 
-def _computed(
-    settings: FaultTimeSettings,
-    cases: Sequence[Case],
-    workers: int,
-    print_line: Callable[[str], Any],
-) -> Times:
-    times: dict[Case, float] = dict.fromkeys(cases, math.nan)
-    if workers == 1:
-        return {case: longest_time_s(settings, case) for case in cases}
-    with worker_pool(min(workers, len(cases))) as pool:
-        futures = {pool.submit(partial(longest_time_s, settings, case)): case for case in cases}
-        for done, future in enumerate(as_completed(futures), start=1):
-            times[futures[future]] = future.result()
-            if done % 24 == 0:
-                print_line(f"{done} of {len(cases)} cases")
-    return times
-
-
 def _text(settings: FaultTimeSettings, time_s: float) -> str:
     if math.isnan(time_s):
         return "-"
@@ -86,21 +64,20 @@ def _text(settings: FaultTimeSettings, time_s: float) -> str:
 
 
 def lines_of(settings: FaultTimeSettings, times: Times) -> list[str]:
-    """Return a table for each fallback, and which fallback leaves its lane last."""
-    roads = list(dict.fromkeys((case.road, case.speed_km_h) for case in times))
-    lines = []
+    """Return a table for each road and fallback, and which fallback leaves its lane last."""
+    lines = ["longest time of a fault [s]"]
     for fallback in settings.fallbacks:
-        heads = [f"{road}, {speed:g} km/h" for road, speed in roads]
-        lines += ["", f"longest time [s], fallback {fallback}", " " * 14 + "  ".join(heads)]
-        for fault in settings.faults:
-            row = {(c.road, c.speed_km_h): t for c, t in times.items()
-                   if (c.fault, c.fallback) == (fault, fallback)}  # fmt: skip
-            cells = [_text(settings, row[road]).rjust(len(head))
-                     for road, head in zip(roads, heads, strict=True)]  # fmt: skip
-            lines.append(f"{fault:<14}" + "  ".join(cells))
+        for road in dict.fromkeys(case.road for case in times):
+            own = {c: t for c, t in times.items() if (c.road, c.fallback) == (road, fallback)}
+            speeds = dict.fromkeys(case.speed_km_h for case in own)
+            heads = "".join(f"{speed:>8g}" for speed in speeds)
+            lines += ["", f"{road}, {fallback}", f"{'km/h':<13}{heads}"]
+            for fault in settings.faults:
+                cells = [_text(settings, t) for case, t in own.items() if case.fault is fault]
+                lines.append(f"{fault:<13}" + "".join(f"{cell:>8}" for cell in cells))
     lines += ["", "> : stays after the longest time tried; 0.00: leaves though it reacts at once;"]
     lines += ["- : leaves its lane without a fault"]
-    for speed in dict.fromkeys(speed for _, speed in roads):
+    for speed in sorted({case.speed_km_h for case in times}):
         last = max(settings.fallbacks, key=partial(_held_s, settings, times, speed))
         lines.append(f"at {speed:g} km/h the fallback that leaves the lane last: {last}")
     return lines

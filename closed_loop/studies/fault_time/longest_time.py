@@ -1,18 +1,18 @@
 """The longest time that a fault may last so that the car stays in its lane.
 
-The nodes run in virtual time. The fault begins at ``onset_s``, where a bend begins if there is one:
-its curvature grows for ENTRY_S. After the time in question the steering reacts: the fault is
-isolated, as by a second channel, and the fallback begins. The car stays if no corner of its body
-leaves the lane until ``watch_s`` later. Whether a longer fault is worse is assumed, and the time
-found by halving; nothing else in the plant reacts to the fault.
+The fault begins at ``onset_s``, where a bend begins if there is one: its curvature grows for
+ENTRY_S. After the time in question the steering reacts: the fault is isolated, as by a second
+channel, and the fallback begins. The car stays if no corner of its body leaves the lane until
+``watch_s`` later, or until it nearly stands. Whether a longer fault is worse is assumed, and the
+time found by halving. The runs are compiled: nothing but the steering reacts to the fault.
 """
 
 import math
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
 from ....controller.settings import controller_preset
+from ....plant_emulator.faults.settings import FaultKind
 from ....plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
 from ....plant_emulator.path.path import Path
 from ....plant_emulator.path.settings import PathModel, PluginPathSettings
@@ -20,14 +20,15 @@ from ....plant_emulator.settings import PlantSettings, plant_preset
 from ....plant_emulator.steering.safety_limiter import acceleration_gain_m_s2
 from ....plant_emulator.vehicle.settings import VehicleSettings
 from ....runtime.settings import Settings, with_values
-from ...pair.virtual_pair import make_virtual_pair, run_virtual_nodes
+from ...compiled.engine import Outcome, run_compiled
+from ..compiled_figures import farthest_beyond_lane_m
 from .settings import Case, FallbackName, FaultName, FaultTimeSettings
 
 ENTRY_S = 1.5
 """As on roads with clothoids, where the lateral jerk is at most 1.3 m/s³ for 2 m/s²; chosen."""
 _BEND = "steer_by_wire.closed_loop.studies.fault_time.longest_time:BEND"
-_COMMAND: Mapping[str, Any] = {"direction": "downlink", "message": "STEERING_COMMAND"}
-_WHEEL: Mapping[str, Any] = {"direction": "steering"}
+_SLOWEST_M_S = 1.5
+"""Compiled runs end before the car stands."""
 
 
 class Bend(Settings):
@@ -68,7 +69,7 @@ def longest_time_s(settings: FaultTimeSettings, case: Case) -> float:
             low = middle
         else:
             high = middle
-    return low * settings.resolution_s
+    return round(low * settings.resolution_s, 6)
 
 
 @lru_cache(maxsize=64)
@@ -79,26 +80,23 @@ def _stays_healthy(settings: FaultTimeSettings, case: Case) -> bool:
 
 def _stays(settings: FaultTimeSettings, case: Case, time_s: float | None) -> bool:
     """Return whether the car stays in its lane if the fault lasts a time; None: without one."""
-    pair = make_virtual_pair(
-        plant_of(settings, case, time_s), controller_preset(settings.controller_preset)
-    )
-
-    def has_left() -> bool:
-        report = pair.plant.report()
-        return bool(report["failure"]) or (report["beyond_lane_m"] or -1.0) > 0.0
-
-    run_virtual_nodes(pair.edge, pair.controller, None, None, has_left)
-    return not has_left()
+    plant = plant_of(settings, case, time_s)
+    run = run_compiled(plant, controller_preset(settings.controller_preset))
+    place = run.heading_error_rad, run.lateral_error_m, run.curvature_1_m
+    beyond_m = farthest_beyond_lane_m(plant, *place, run.deviation_m)
+    return run.outcome is Outcome.COMPLETE and beyond_m <= 0.0
 
 
 def plant_of(settings: FaultTimeSettings, case: Case, time_s: float | None) -> PlantSettings:
     """Return the plant of a run; raises SettingsError."""
     preset = plant_preset(settings.plant_preset, settings.plant)
     vehicle = preset.vehicle.model_copy(update={"speed_m_s": case.speed_km_h / 3.6})
-    duration_s = settings.onset_s + (time_s or 0.0) + settings.watch_s
+    stops = case.fallback is FallbackName.FOLLOW_AND_STOP
+    stop_s = (vehicle.speed_m_s - _SLOWEST_M_S) / settings.stop_m_s2 if stops else math.inf
+    duration_s = settings.onset_s + (time_s or 0.0) + min(settings.watch_s, stop_s)
     bend = Bend(
         start_m=vehicle.speed_m_s * settings.onset_s,
-        end_m=vehicle.speed_m_s * (duration_s + ENTRY_S),
+        end_m=vehicle.speed_m_s * (ENTRY_S + settings.longest_s),
         clothoid_m=vehicle.speed_m_s * ENTRY_S,
         curvature_1_m=case.curvature_1_m,
     )
@@ -113,38 +111,37 @@ def plant_of(settings: FaultTimeSettings, case: Case, time_s: float | None) -> P
         ],
     }
     if time_s is not None:
-        stops = case.fallback is FallbackName.FOLLOW_AND_STOP
         values["safety.fallback"] = str(FallbackName.FOLLOW_PATH if stops else case.fallback)
         values |= {"safety.stop_m_s2": settings.stop_m_s2} if stops else {}
         values["safety.override_at_s"] = settings.onset_s + time_s
-        if time_s > 0.0:
+        if time_s > 0.0 and case.fault is FaultName.SILENCE:
+            ends_s = (0.0, 0.0), (settings.onset_s, 1.0), (settings.onset_s + time_s, 0.0)
+            schedule = [{"time_s": at_s, "mean_s": 0.0, "loss": loss} for at_s, loss in ends_s]
+            values["latency.downlink.schedule"] = schedule
+        elif time_s > 0.0:
             lasting = {"onset_s": settings.onset_s, "duration_s": time_s}
             values["faults"] = [_fault(settings, case.fault, vehicle) | lasting]
-    on_road = preset.model_copy(update={"path": path, "faults": ()})
+    drives_on = preset.safety.model_copy(update={"stop_m_s2": None})
+    on_road = preset.model_copy(update={"path": path, "faults": (), "safety": drives_on})
     return with_values(on_road, values, "fault_time")
 
 
 def _fault(
     settings: FaultTimeSettings, fault: FaultName, vehicle: VehicleSettings
 ) -> dict[str, Any]:
-    if fault is FaultName.OFFSET:
-        gain_m_s2 = acceleration_gain_m_s2(
-            vehicle.speed_m_s,
-            vehicle.virtual_mass_kg,
-            vehicle.front_cornering_stiffness_n_rad,
-            vehicle.rear_cornering_stiffness_n_rad,
-            vehicle.front_axle_distance_m,
-            vehicle.rear_axle_distance_m,
-        )
-        offset_rad = settings.offset_m_s2 / gain_m_s2
-        return {"kind": "offset", "signal": "steer_rad", "magnitude": offset_rad, **_COMMAND}
-    others: Mapping[FaultName, dict[str, Any]] = {
-        FaultName.SILENCE: {"kind": "drop", **_COMMAND},
-        FaultName.STUCK: {"kind": "stuck_wheel", **_WHEEL},
-        FaultName.WRONG_SIGN: {
-            "kind": "scale", "signal": "steer_rad", "magnitude": -1.0, **_COMMAND,
-        },
-        FaultName.HALF_TORQUE: {"kind": "weak_motor", "magnitude": 0.5, **_WHEEL},
-        FaultName.LOST_CHANNEL: {"kind": "lost_channel", **_WHEEL},
-    }  # fmt: skip
-    return others[fault]
+    offset_rad = settings.offset_m_s2 / acceleration_gain_m_s2(
+        vehicle.speed_m_s,
+        vehicle.virtual_mass_kg,
+        vehicle.front_cornering_stiffness_n_rad,
+        vehicle.rear_cornering_stiffness_n_rad,
+        vehicle.front_axle_distance_m,
+        vehicle.rear_axle_distance_m,
+    )
+    kind, magnitude = {
+        FaultName.STUCK: (FaultKind.STUCK_WHEEL, 1.0),
+        FaultName.OFFSET: (FaultKind.OFFSET_SENSOR, offset_rad),
+        FaultName.WRONG_SIGN: (FaultKind.REVERSED_WHEEL, 1.0),
+        FaultName.HALF_TORQUE: (FaultKind.WEAK_MOTOR, 0.5),
+        FaultName.LOST_CHANNEL: (FaultKind.LOST_CHANNEL, 1.0),
+    }[fault]
+    return {"kind": kind, "direction": "steering", "magnitude": magnitude}

@@ -12,14 +12,14 @@ from ....runtime.settings import Settings, SettingsError, load_settings, read_ta
 
 
 class FaultName(StrEnum):
-    """A fault; the last two are of the steering, and leave a part of its torque."""
+    """A fault; the last two leave a part of the torque."""
 
     SILENCE = "silence"
     """No command arrives."""
     STUCK = "stuck"
     """The wheels do not move."""
     OFFSET = "offset"
-    """Each command is wrong by the steer of ``offset_m_s2``."""
+    """The angle sensor is wrong by the steer of ``offset_m_s2``."""
     WRONG_SIGN = "wrong sign"
     HALF_TORQUE = "half torque"
     LOST_CHANNEL = "lost channel"
@@ -55,10 +55,11 @@ class FaultTimeSettings(Settings):
     plant_preset: str = "bmw_320i"
     plant: tuple[str, ...] = ("car.rack={}",)
     """Settings on top of the preset, KEY=VALUE; it has to be a car with `[car.rack]`."""
-    controller_preset: str = "highway_predictor"
+    controller_preset: str = "highway_pd"
+    """A law that is designed for each speed takes minutes where the car brakes."""
     faults: tuple[FaultName, ...] = Field(tuple(FaultName), min_length=1)
     fallbacks: tuple[FallbackName, ...] = Field(tuple(FallbackName), min_length=1)
-    speeds_km_h: tuple[Speed, ...] = (30.0, 60.0, 90.0)
+    speeds_km_h: tuple[Speed, ...] = (30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
     bends_m_s2: tuple[Bend, ...] = (0.0, 2.0)
     """Lateral acceleration of each bend; 0 is a straight road."""
     scenes: tuple[SceneSettings, ...] = ()
@@ -70,9 +71,14 @@ class FaultTimeSettings(Settings):
     """Of the fault, once the loop has settled."""
     time_s_max: float = Field(4.0, ge=0.1, le=60.0)
     """No longer time is tried."""
-    resolution_s: float = Field(0.02, ge=0.01, le=1.0)
+    resolution_s: float = Field(0.01, ge=0.001, le=1.0)
     watch_s: float = Field(6.0, ge=1.0, le=60.0)
     """From the beginning of the fallback on, until somebody takes over."""
+
+    @property
+    def longest_s(self) -> float:
+        """Duration of the longest run."""
+        return self.onset_s + self.time_s_max + self.watch_s
 
 
 class Case(NamedTuple):

@@ -26,7 +26,8 @@ HEADING_RAD_MAX = pi / 3.0
 class CarInterval(NamedTuple):
     """What acts on the car from ``start_ns`` until the next interval; the rest as `SteeringInput`.
 
-    ``sensor_rad_s``  by which ``sensor_rad`` grows
+    ``command_factor``  on the command
+    ``sensor_rad_s``    by which ``sensor_rad`` grows
     """
 
     start_ns: int
@@ -37,6 +38,7 @@ class CarInterval(NamedTuple):
     torque_share: float = 1.0
     resistance_factor: float = 1.0
     rate_share: float = 1.0
+    command_factor: float = 1.0
     sensor_rad: float = 0.0
     sensor_rad_s: float = 0.0
 
@@ -177,7 +179,7 @@ def _moment_step(
     h_s = 1e-9 * (to_ns - from_ns)
     load = p.intervals[interval]
     acts = SteeringInput(
-        command_rad,
+        command_rad * load.command_factor,
         car.front_lateral_n,
         car.front_use,
         load.torque_share,
