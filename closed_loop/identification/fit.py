@@ -1,6 +1,6 @@
 """The fit: a car's parameters from a drive, by maximum likelihood of its open-loop response.
 
-    e = (measured − seen(θ))/s        s standard deviation of each sensor's errors, by iteration
+    e = (measured − seen(θ))/s        s² of each sensor's errors: variance × how many are alike
     θ = arg min Σ e² + Σ ((θ − θ₀)/s₀)²                       priors, where ``parameters`` has them
     A = JᵀJ + P,  P = diag(1/s₀²)                             Fisher information
     cov θ = A⁻¹ (B + P) A⁻¹,  B = Σ_l w_l Γ_l                 of the scores Jᵀe
@@ -46,7 +46,7 @@ class Fit(NamedTuple):
     ``plain``       the covariance if the errors were white
     ``bare``        that of the parameters sought if the assumed ones were known, too
     ``errors``      measured less seen, of each sensor in its unit
-    ``deviations``  of each sensor's errors
+    ``deviations``  s of each sensor
     ``cost``        Σ e², with the priors
     """
 
@@ -79,7 +79,6 @@ class Judge:
         self.evaluations = 0
         self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 8))
         self.prior = np.array([1.0 / one.deviation for one in problem.parameters])
-        self.tempering = 1.0
 
     def response(self, x: FloatArray) -> Response:
         """Return the car's response."""
@@ -129,9 +128,7 @@ class Judge:
     def _weighted(self, x: FloatArray, response: Response) -> FloatArray:
         sought = len(self.prior)
         parts = [e / s for e, s in zip(self.errors(x, response), self.deviations, strict=True)]
-        return np.concatenate(
-            [*parts, (x[:sought] - self.problem.start) * self.prior * self.tempering]
-        )
+        return np.concatenate([*parts, (x[:sought] - self.problem.start) * self.prior])
 
     def _column(self, x: FloatArray, base: Response, here: FloatArray, at: int) -> FloatArray:
         parameter = self.problem.coordinates[at]
@@ -194,9 +191,6 @@ def fit(
             spreads = _deviations(judge.errors(x, judge.response(x)))
             change = float(np.abs(spreads / judge.deviations - 1.0).max())
             judge.deviations, judge.best = spreads, (np.inf, x)
-            judge.tempering = np.sqrt(
-                max(samples_alike(e) for e in judge.errors(x, judge.response(x)))
-            )
             if change < _SPREAD_CHANGE and number > 1:
                 break
     except KeyboardInterrupt:
@@ -208,7 +202,13 @@ def fit(
 
 
 def _deviations(errors: Sequence[FloatArray]) -> FloatArray:
-    return np.array([max(float(np.sqrt(np.mean(e**2))), 1e-9) for e in errors])
+    """Return the deviation of white errors that would tell as much as these."""
+    return np.array([max(rms(e) * np.sqrt(samples_alike(e)), 1e-9) for e in errors])
+
+
+def rms(errors: FloatArray) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(errors**2)))
 
 
 def _described(judge: Judge, x: FloatArray, is_whole: bool) -> Fit:
@@ -219,17 +219,17 @@ def _described(judge: Judge, x: FloatArray, is_whole: bool) -> Fit:
     x = np.append(x, [one.start for one in problem.assumed])
     jacobian = judge.sensitivities(x)[:rows]
     free, assumed = jacobian[:, :sought], jacobian[:, sought:]
-    prior = np.diag((judge.tempering * judge.prior) ** 2)
+    prior = np.diag(judge.prior**2)
     information = free.T @ free + prior
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-30))
     inverse = np.linalg.pinv(information * np.outer(scale, scale), 1e-12) * np.outer(scale, scale)
     scores = _scores(judge.samples, free * residuals[:rows, None])
     lags = _lags(errors, len(scores))
-    robust = inverse @ (_long_run(scores, lags) + judge.tempering**2 * prior) @ inverse
+    robust = inverse @ (_long_run(scores, lags) + prior) @ inverse
     # A model's error is no stationary noise: coloured errors are taken to last as long as a
     # manoeuvre, too. Never less than white errors would give: that would be chance.
     lasting = len(scores) // _MANOEUVRES if lags else 0
-    longer = inverse @ (_long_run(scores, lasting) + judge.tempering**2 * prior) @ inverse
+    longer = inverse @ (_long_run(scores, lasting) + prior) @ inverse
     wanted = np.maximum(np.diagonal(inverse), np.diagonal(longer))
     floor = np.sqrt(np.maximum(1.0, wanted / np.maximum(np.diagonal(robust), 1e-300)))
     robust *= np.outer(floor, floor)

@@ -12,7 +12,7 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 from .figures import Figure, figures_of
-from .fit import Fit, Progress, fit, is_white, refit, samples_alike, yaw_rate_residual_percent
+from .fit import Fit, Progress, fit, is_white, refit, rms, samples_alike, yaw_rate_residual_percent
 from .parameters import FRICTION_MAX, Known, problem_of
 from .response import Grid, Samples, grid_of, residuals_percent, samples_of
 from .time_series import Drive, Quantity
@@ -21,6 +21,8 @@ from .vehicle_file import IdentifiedVehicle, prediction_problem
 RESIDUAL_PERCENT_MAX = 15.0
 _WORSE = 1.01
 """Factor on a yaw rate's error at which a lateral acceleration contradicts it; chosen."""
+_SIDE_ALIKE_MAX = 5.0
+"""Errors in a row of a lateral acceleration that tell as much as one: more are roll's."""
 _SIDE_LATE_S = 0.12
 _SHIFT_S = 0.008
 """A delay of a new log that differs by less is left as it is."""
@@ -74,14 +76,15 @@ def identify(
     if _is_coloured(found) and len(rates.outputs) < len(drive.outputs):
         its_samples = samples_of(rates, grid)
         alone = fit(problem_of(rates, known), grid, its_samples, progress)
-        worse = found.deviations[: len(alone.deviations)] / alone.deviations
-        if worse.max() > _WORSE:
+        if _contradicts(found, alone):
             _refuse_late_side(found)
+            delays_ms = [1e3 * one.values["delay_and_lag_s"] for one in (found, alone)]
             notes.append(
                 f"lateral acceleration left out: with it the yaw rate's residual is"
                 f" {yaw_rate_residual_percent(found, samples):.1f} %, without"
-                f" {yaw_rate_residual_percent(alone, its_samples):.1f} %: roll, or the place of its"
-                " sensor (lateral_acceleration_ahead_m of --known)"
+                f" {yaw_rate_residual_percent(alone, its_samples):.1f} %, delay and lag"
+                f" {delays_ms[0]:.0f} and {delays_ms[1]:.0f} ms: roll, or the place of its sensor"
+                " (lateral_acceleration_ahead_m of --known)"
             )
             found_all, drive, found, samples = found, rates, alone, its_samples
     residual = yaw_rate_residual_percent(found, samples)
@@ -97,6 +100,16 @@ def identify(
     if not found.is_whole:
         notes.append("interrupted: the best so far, with intervals as if it were the minimum")
     return Identification(drive, grid, samples, found, figures, residual, doubts, notes)
+
+
+def _contradicts(found: Fit, alone: Fit) -> bool:
+    """Return whether a lateral acceleration moves what the yaw rates say, or fits badly itself."""
+    worse = max(rms(e) / rms(own) for e, own in zip(found.errors, alone.errors, strict=False))
+    at = alone.problem.place("delay_and_lag_s")
+    half_s = alone.critical * float(np.sqrt(alone.covariance[at, at]))
+    moved_s = found.values["delay_and_lag_s"] - alone.values["delay_and_lag_s"]
+    of_side = max(map(samples_alike, found.errors[len(alone.errors) :]))
+    return bool(worse > _WORSE or abs(moved_s) > half_s or of_side > _SIDE_ALIKE_MAX)
 
 
 def _is_coloured(found: Fit) -> bool:
@@ -240,7 +253,7 @@ def predict(drive: Drive, vehicle: IdentifiedVehicle) -> Prediction:
     found = fit(prediction_problem(problem, vehicle), grid, samples)
     shifted = fit(prediction_problem(problem, vehicle, "delay_and_lag_s"), grid, samples)
     shift_s = shifted.values["delay_and_lag_s"] - vehicle.values["delay_and_lag_s"]
-    if abs(shift_s) > _SHIFT_S and shifted.deviations[0] < _BETTER * found.deviations[0]:
+    if abs(shift_s) > _SHIFT_S and rms(shifted.errors[0]) < _BETTER * rms(found.errors[0]):
         notes.append(
             f"{samples[0].channel.name} comes {1e3 * abs(shift_s):.0f} ms"
             f" {'later' if shift_s > 0.0 else 'earlier'} than in the vehicle's log: corrected"
