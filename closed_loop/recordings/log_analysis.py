@@ -18,8 +18,7 @@ from .durations import Durations, History
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency_and_jitter import Latencies
 from .log_file import OF_LOCAL_TIME, open_log
-from .log_state import LogError
-from .time_axis import TimeAxis
+from .log_state import LogError, TimeAxis
 
 BACKWARDS_SHARE_MAX = 0.01
 """Of frames whose time runs backwards; a recorder of several channels may swap neighbours."""

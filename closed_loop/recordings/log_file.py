@@ -10,11 +10,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from .blf_log import BlfLog
-from .busmaster_log import BEGIN, BusmasterReader
 from .candump_text import candump_reader
 from .log_state import LogError, Logged, LogState, NoFrameError, TextLines
 from .mf4_log import Mf4Log
-from .text_formats import READERS, TrcReader
+from .text_formats import BEGIN, READERS, BusmasterReader, TrcReader
 
 _COMMENTS = ("#", ";", "//")
 _BINARY_SUFFIXES = {".blf", ".mf4"}

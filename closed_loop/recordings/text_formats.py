@@ -1,4 +1,4 @@
-"""Readers of .asc, .csv and .trc logs, line by line, so that a line costs no other.
+"""Readers of .asc, .csv, .trc and BUSMASTER's logs, line by line, so that a line costs no other.
 
 Each takes a line and returns its frame, or None where the format has no frame there: a comment, the
 header, an event that is none of CAN's. Every other line raises ValueError or LookupError.
@@ -8,6 +8,7 @@ import re
 from base64 import b64decode
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
+from typing import Final
 
 from can.util import dlc2len
 
@@ -240,6 +241,61 @@ def _of_savvycan(row: Mapping[str, str], words: Sequence[str]) -> Logged:
     flags |= FD if length > 8 else 0
     frame = Frame(_number(row["id"]), _payload(words[first : first + length], length), flags)
     return logged(_time_ns(row["time stamp"], NS_PER_US), row["bus"], frame)
+
+
+BEGIN: Final = "***BUSMASTER"
+_MODES = ("SYSTEM MODE", "ABSOLUTE MODE", "RELATIVE MODE")
+"""Times of the day, since the start, and to the line before."""
+_DAY_NS = 24 * 3600 * NS_PER_S
+_BUSMASTER_LINE = re.compile(
+    r"(\d+):(\d\d):(\d\d):(\d{4}) (?:Rx|Tx) (\w+) (0x[0-9A-F]+|\d+) ([sx]r?)(-?fd)? (\d+)"
+    r"((?: [0-9A-F]+)*)\s*",
+    re.ASCII | re.IGNORECASE,
+)
+
+
+class BusmasterReader:
+    """Reads lines of a .log of BUSMASTER, which begins with ***BUSMASTER.
+
+    ***HEX***                                                 or DEC, of identifiers and data
+    ***SYSTEM MODE***                                         times of the day; see ``_MODES``
+    10:41:26:3860 Rx 1 0x110 s 8 99 78 00 00 00 00 00 00      hours to 0.1 ms, channel, type, DLC
+    """
+
+    def __init__(self) -> None:
+        self._base, self._is_relative, self._now_ns = 16, False, 0
+
+    def __call__(self, line: str) -> Logged | None:
+        """Return the frame of a line, None where it has none; raises ValueError."""
+        if line.startswith("***"):
+            words = line.strip("* \r\n").upper()
+            self._base = {"HEX": 16, "DEC": 10}.get(words, self._base)
+            if words in _MODES:
+                self._is_relative = words == _MODES[-1]
+            return None
+        if not line.strip():
+            return None
+        match = _BUSMASTER_LINE.fullmatch(line.rstrip())
+        if match is None:
+            raise ValueError
+        hours, minutes, seconds, parts = (int(word) for word in match.groups()[:4])
+        time_ns = (3600 * hours + 60 * minutes + seconds) * NS_PER_S + parts * NS_PER_S // 10_000
+        if self._is_relative:
+            time_ns += self._now_ns
+        elif time_ns < self._now_ns - _DAY_NS // 2:  # past midnight
+            time_ns += _DAY_NS * (1 + (self._now_ns - time_ns - _DAY_NS // 2) // _DAY_NS)
+        channel, can_id, kind, fd, length, payload = match.groups()[4:]
+        if self._base == 16 and any(len(word) != 2 for word in payload.split()):
+            raise ValueError
+        data = bytes(int(word, self._base) for word in payload.split())
+        flags = (EXTENDED if kind[0] in "xX" else 0) | (FD if fd else 0)
+        if kind[1:]:
+            flags, data = flags | REMOTE, b""
+        elif len(data) != (dlc2len(int(length)) if fd and int(length) < 16 else int(length)):
+            raise ValueError
+        taken = logged(time_ns, channel, Frame(int(can_id, self._base), data, flags))
+        self._now_ns = time_ns
+        return taken
 
 
 READERS: Mapping[str, Callable[[], Callable[[str], Logged | None]]] = {

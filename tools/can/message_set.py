@@ -11,7 +11,7 @@ from ...runtime.frame.length_with_stuff_bits import FrameBits
 from ...runtime.frame.longest_frame import longest_frame
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import SettingsError
-from .response_time_bounds import Traffic, Wire, load, wire_of, worst_response_ns
+from .response_time_bounds import Traffic, load, wire_of, worst_response_ns
 
 
 class BusSettings(NamedTuple):
@@ -20,14 +20,6 @@ class BusSettings(NamedTuple):
     bitrate_bit_s: int
     data_bitrate_bit_s: int
     jitter_ms: float
-    error_interval_ms: float | None
-    errors: int = 0
-
-    def wire(self) -> Wire:
-        """Return what the analysis needs of the bus."""
-        interval_ms = self.error_interval_ms
-        interval_ns = None if interval_ms is None else max(1, round(interval_ms * NS_PER_MS))
-        return wire_of(self.bitrate_bit_s, interval_ns)._replace(errors=self.errors)
 
     def duration_ns(self, bits: FrameBits) -> int:
         """Return how long so many bits take, rounded up [ns]."""
@@ -128,10 +120,10 @@ class Response(NamedTuple):
 
 def respond(messages: Sequence[SentMessage], bus: BusSettings) -> list[Response]:
     """Return the bounds of every message."""
-    bounds, wire = [m.bound for m in messages], bus.wire()
+    bounds, wire = [m.bound for m in messages], wire_of(bus.bitrate_bit_s)
     return [Response(one, worst_response_ns(one.bound, bounds, wire)) for one in messages]
 
 
 def load_of(messages: Sequence[SentMessage], bus: BusSettings) -> float:
     """Return the share of the time that the bus is busy, in the mean."""
-    return load([message.bound for message in messages], bus.wire())
+    return load([message.bound for message in messages], wire_of(bus.bitrate_bit_s))

@@ -1,6 +1,6 @@
 """Bound the response time of each message on a CAN bus.
 
-    steer-by-wire can response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS]
+    steer-by-wire can response-times FILE.dbc... [--bitrate BIT_S]
 
 Several files share one bus. Messages without a cycle time are left out and named, unless
 ``--period NAME=MS`` gives one. ``steer-by-wire check`` says which delay a law tolerates. The exit
@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from steer_by_wire.closed_loop.reports.terminal import plain_table
-from steer_by_wire.runtime.command_line import add_json_argument, number, say, whole_number
+from steer_by_wire.runtime.command_line import add_json_argument, number, say
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.bus_options import bit_rate, data_bit_rate
 from steer_by_wire.runtime.program.report import show_or_write
@@ -49,14 +49,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="release jitter of each message (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument(
-        "--error-interval-ms", type=number(0.0, 60_000.0, "ms"), metavar="MS",
-        help="least time between two bus errors (default: no errors)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--errors-at-once", type=whole_number(0, 100), default=0, metavar="N",
-        help="add N errors at the worst instants, as in a burst",
-    )  # fmt: skip
-    parser.add_argument(
         "--period", action="append", default=[], metavar="NAME=MS",
         help="the cycle time of a message; may be repeated",
     )  # fmt: skip
@@ -65,8 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Analyse a message set and print it; returns the exit status."""
-    errors = options.error_interval_ms, options.errors_at_once
-    bus = BusSettings(options.bitrate, options.data_bitrate, options.jitter_ms, *errors)
+    bus = BusSettings(options.bitrate, options.data_bitrate, options.jitter_ms)
     messages, too_long, left_out = read_messages(options.files, options.period, bus)
     if too_long:
         say(NAME, f"left out, as they need several frames: {', '.join(too_long)}", sys.stderr)

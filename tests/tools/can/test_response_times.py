@@ -29,7 +29,7 @@ from tests.support.wire.simulated_responses import critical_response_ns, random_
 
 BITRATE_BIT_S = 500_000
 MS = 1_000_000
-SILENT = Wire(intermission_ns=0, error_frame_ns=0, error_interval_ns=None, granularity_ns=1)
+SILENT = Wire(intermission_ns=0, granularity_ns=1)
 
 
 def random_set(draw: random.Random, unit: int) -> list[Traffic]:
@@ -96,12 +96,3 @@ def test_the_critical_instant_reaches_the_bound(seed: int) -> None:
 def test_a_bus_that_is_overloaded_has_no_bound() -> None:
     high, low = Traffic("high", 1, MS, MS), Traffic("low", 2, MS, 100 * MS)
     assert worst_response_ns(low, [high, low], wire_of(BITRATE_BIT_S)) is None
-
-
-def test_errors_cost_their_frames_and_too_many_leave_no_bound() -> None:
-    message = Traffic("m", 1, 200_000, 10 * MS)
-    wire = wire_of(BITRATE_BIT_S, error_interval_ns=5 * MS)
-    # One error: 31 bits of 2 µs, and the frame again.
-    assert worst_response_ns(message, [message], wire) == 200_000 + 62_000 + 200_000
-    too_many = wire_of(BITRATE_BIT_S, error_interval_ns=100_000)
-    assert worst_response_ns(message, [message], too_many) is None
