@@ -5,7 +5,7 @@ the road wheels while the law steers.
 
 The last WINDOW_S are taken in two halves. In each, a straight line is fitted, and what is left has
 the amplitude √2 times its RMS. The wheel shakes if the amplitude of the second half is more than
-AMPLITUDE_RAD, not much less than that of the first, and crosses zero often enough.
+AMPLITUDE_RAD and not much less than that of the first, and if it crosses zero at least twice there.
 """
 
 from collections.abc import Sequence
@@ -14,13 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-WINDOW_S = 6.0
+WINDOW_S = 10.0
 AMPLITUDE_RAD = 0.005
 """Chosen: some ten steps of HAND_WHEEL_ANGLE."""
+_SAMPLES_MIN = 20
 _GROWTH_MIN = 0.7
 """Smaller: it is dying down."""
-_HZ_MIN = 0.5
-"""Chosen: what is slower is not called shaking."""
 
 
 class Shaking(NamedTuple):
@@ -33,16 +32,15 @@ class Shaking(NamedTuple):
 def shaking(angles_rad: Sequence[float], period_s: float) -> Shaking | None:
     """Return how a wheel shakes, None if it is still; angles at equal times, oldest first."""
     half = len(angles_rad) // 2
-    if half * period_s < 1.0 / _HZ_MIN:
+    if half < _SAMPLES_MIN:
         return None
     angles = np.array(angles_rad[-2 * half :], np.float64)
     first, second = _without_line(angles[:half]), _without_line(angles[half:])
     before, after = (float(np.sqrt(2.0 * np.mean(part**2))) for part in (first, second))
     crossings = int(np.count_nonzero(np.diff(np.signbit(second))))
-    hz = 0.5 * crossings / (half * period_s)
-    if after < AMPLITUDE_RAD or after < _GROWTH_MIN * before or hz < _HZ_MIN:
+    if after < AMPLITUDE_RAD or after < _GROWTH_MIN * before or crossings < 2:
         return None
-    return Shaking(hz, after)
+    return Shaking(0.5 * crossings / (half * period_s), after)
 
 
 def shaking_text(found: Shaking | None) -> str:

@@ -304,7 +304,8 @@ class ControllerNode:
             sent_ns, command_rad, is_first = echo
             if code is _APPLYING:
                 self._command_rad = command_rad
-            if code in _FOLLOWING:
+            is_others = self._driver is not None and self._driver.steered_by is SteeredBy.DRIVER
+            if code in _FOLLOWING and not is_others:
                 self._aim_rad = command_rad
             self._echo = echo_step(self._echo_rule, self._echo, sent_ns, now_ns)
             if is_first:
