@@ -186,6 +186,8 @@ class Law(NamedTuple):
                          returns the index of the value that acts first, -1 for no plan
     ``believes``         of a law that steers by a model of the vehicle: that model, from the
                          settings and the state
+    ``asks_speed``       of a law that may ask to slow down: from the settings, a function from the
+                         state to the speed not to be exceeded [m/s]; None: these never ask
     ``single_commands``  the law in place of one that plans, on classic CAN
     """
 
@@ -206,6 +208,7 @@ class Law(NamedTuple):
     after_hold: Callable[[Any, Any, float], Any] | None = None
     plan: LawPlan | None = None
     believes: Callable[[Any, Any], VehicleBelief] | None = None
+    asks_speed: Callable[[Any], Callable[[Any], float] | None] | None = None
     single_commands: str = ""
 
 

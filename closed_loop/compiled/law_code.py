@@ -106,6 +106,11 @@ def compiled_law(controller: ControllerSettings) -> CompiledLaw:
 def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
     register_steps()
     design = design_law(controller)
+    if design.asks_speed is not None:
+        raise LawNotCompiledError(
+            f"law = {controller.law!r} asks to slow down, which compiled runs do not carry: run the"
+            " nodes (simulate, run, or a study with bus = {}), or set asks_to_slow_down = false"
+        )
     register_law(controller.law, record, design.params)
     start = design.initial_state(0.0)
     own = record.step if record.number is LawNumber.CUSTOM else None

@@ -34,6 +34,7 @@ class LawDesign(NamedTuple):
     ``looks_back``     whether it reads more than the first two fields of its ``LawInput``, and
     ``reads_history``  more than those and speed, curvature and staleness of the vehicle
     ``params_at``      of a law scheduled on speed: its params at a speed [m/s]; else None
+    ``asks_speed``     the speed not to be exceeded by the state [m/s]; None: never asks
     ``mistake``        the last exception of a law from another package; empty for none
     """
 
@@ -50,6 +51,7 @@ class LawDesign(NamedTuple):
     plan: LawPlan | None = None
     believes: Callable[[Any], VehicleBelief] | None = None
     mistake: Callable[[], str] = str
+    asks_speed: Callable[[Any], float] | None = None
 
 
 def design_law(settings: "LawSettings") -> LawDesign:
@@ -83,6 +85,7 @@ def _alone(law: Law, settings: "LawSettings") -> LawDesign:
         None if law.looking_back is None else law.looking_back(settings, params),
         law.plan,
         None if law.believes is None else partial(law.believes, settings),
+        asks_speed=None if law.asks_speed is None else law.asks_speed(settings),
     )
 
 
@@ -121,13 +124,14 @@ def _with_followed_point(law: LawDesign, settings: "LawSettings") -> LawDesign:
     around, recovered = _with_params(law, lambda each: FollowedPointParams(each, own)), None
     if law.recovered_state is not None:
         recovered = partial(followed_point_after_hold, law.recovered_state)
-    believes = law.believes
+    believes, asks_speed = law.believes, law.asks_speed
     return around._replace(
         initial_state=partial(followed_point_at_rest, law.initial_state),
         step=partial(followed_point_step, law.step),
         recovered_state=recovered,
         plan=None if law.plan is None else partial(followed_point_plan, law.plan),
         believes=None if believes is None else lambda state: believes(state.law),
+        asks_speed=None if asks_speed is None else lambda state: asks_speed(state.law),
     )
 
 

@@ -14,8 +14,8 @@ the predicted state by
     Δρ = ρ' t,   ΔΨ = -V ρ' t²/2,   Δy = -V² ρ' t³/6
 """
 
-from collections.abc import MutableSequence
-from math import exp, inf
+from collections.abc import Callable, MutableSequence
+from math import exp, inf, sqrt
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
@@ -55,6 +55,12 @@ if TYPE_CHECKING:
     from .settings import LawSettings
 
 
+_ANY_SPEED_M_S = 100.0
+"""Beyond what the bus carries: nothing is asked."""
+_RECOVERY_M_S2 = 1.0
+"""How fast the asked speed rises again behind a bend; chosen."""
+
+
 class MpcSettings(Settings):
     """[mpc]: limits of the steering, and how far a curve is taken to go on as it began."""
 
@@ -62,6 +68,9 @@ class MpcSettings(Settings):
     steer_rate_rad_s_max: Annotated[float, Field(gt=0.0, le=100.0)] = 0.6
     ramp_s: Annotated[float, Field(ge=0.0, le=2.0)] = 0.3
     """Time for which a curvature that changes goes on changing; 0: it stays as it is."""
+    asks_to_slow_down: bool = False
+    """Whether SPEED_REQUEST asks for the speed at which the bends ahead take
+    ``predictor.lateral_acceleration_m_s2_max``, which is needed then."""
     averaging_s: Annotated[float, Field(gt=0.0, le=1.0)] = 0.04
     """Time constant of the rate of the curvature."""
 
@@ -71,6 +80,8 @@ class MpcParams(NamedTuple):
 
     ``step_rad_max``  of the command from period to period
     ``share``         of a new value in the mean of the curvature's rate
+    ``side_m_s2_max``  the lateral acceleration to slow down for; infinite for none
+    ``recovery_m_s``   by which the asked speed may rise in a period
     """
 
     predictor: PredictorParams
@@ -80,6 +91,8 @@ class MpcParams(NamedTuple):
     sample_s: float
     ramp_s: float
     share: float
+    side_m_s2_max: float
+    recovery_m_s: float
 
 
 class Curve(NamedTuple):
@@ -91,10 +104,11 @@ class Curve(NamedTuple):
 
 
 class MpcState(NamedTuple):
-    """The predictor's state, and the curve."""
+    """The predictor's state, the curve, and the speed not to be exceeded."""
 
     predictor: PredictorState
     curve: Curve
+    speed_m_s_max: float
 
 
 def mpc_step(p: MpcParams, x: MpcState, observed: LawInput) -> tuple[MpcState, LawOutput]:
@@ -119,7 +133,19 @@ def mpc_step(p: MpcParams, x: MpcState, observed: LawInput) -> tuple[MpcState, L
         steer_rad = min(max(steer_rad, -p.horizon.steer_rad_max), p.horizon.steer_rad_max)
         output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
     after, output = faded(of, before, seen, x_fallback, output)
-    return MpcState(after, curve), output
+    speed_m_s_max = min(speed_for_bends(p, observed), x.speed_m_s_max + p.recovery_m_s)
+    return MpcState(after, curve, speed_m_s_max), output
+
+
+def speed_for_bends(p: MpcParams, observed: LawInput) -> float:
+    """Return the speed at which the sharpest bend known takes the acceleration [m/s]."""
+    loop_delay, history = observed.loop_delay, observed.history
+    if p.side_m_s2_max == inf:
+        return _ANY_SPEED_M_S
+    bend_1_m = abs(observed.vehicle.preview_curvature_1_m)
+    for sample in range(max(loop_delay.error_sample, 0), loop_delay.path_end + 1, 3):
+        bend_1_m = max(bend_1_m, abs(history.curvature_1_m[sample & history.sample_mask]))
+    return min(sqrt(p.side_m_s2_max / max(bend_1_m, 1e-9)), _ANY_SPEED_M_S)
 
 
 def curve_step(p: MpcParams, x: Curve, observed: LawInput) -> Curve:
@@ -187,18 +213,28 @@ def write_unknowns(
 
 def mpc_at_rest(p: MpcParams, lateral_error_m: float) -> MpcState:
     """Return the state after a constant lateral error [m] and no steering."""
-    return MpcState(predictor_at_rest(p.predictor, lateral_error_m), Curve(-1, 0.0, 0.0))
+    at_rest = predictor_at_rest(p.predictor, lateral_error_m)
+    return MpcState(at_rest, Curve(-1, 0.0, 0.0), _ANY_SPEED_M_S)
 
 
 def mpc_after_hold(p: MpcParams, x: MpcState, lateral_error_m: float) -> MpcState:
     """Return the state after a hold: the predictor's."""
     after = predictor_after_hold(p.predictor, x.predictor, lateral_error_m)
-    return MpcState(after, Curve(-1, 0.0, 0.0))
+    return MpcState(after, Curve(-1, 0.0, 0.0), x.speed_m_s_max)
 
 
 def mpc_believes(settings: "LawSettings", x: MpcState) -> VehicleBelief:
     """Return the model of the settings."""
     return predictor_believes(settings, x.predictor)
+
+
+def mpc_asks_speed(settings: "LawSettings") -> Callable[[MpcState], float] | None:
+    """Return what gives the speed not to be exceeded [m/s]; None where the settings never ask."""
+    return _asked_m_s if settings.table_of(MpcSettings).asks_to_slow_down else None
+
+
+def _asked_m_s(x: MpcState) -> float:
+    return x.speed_m_s_max
 
 
 def design_mpc(settings: "LawSettings") -> Schedule:
@@ -213,6 +249,11 @@ def design_mpc(settings: "LawSettings") -> Schedule:
     vehicle, period_s = vehicle_of(settings), settings.period_s
     limit_m_s2 = inner.lateral_acceleration_m_s2_max
     acceleration_m_s2 = inf if limit_m_s2 is None else limit_m_s2
+    asks = table.asks_to_slow_down
+    if asks and limit_m_s2 is None:
+        raise SettingsError(
+            "mpc.asks_to_slow_down needs predictor.lateral_acceleration_m_s2_max, to know for what"
+        )
     inside = design_predictor(settings)
     rows_at = design_horizon(settings.estimator, vehicle, feedback_of(settings))
     sample_s, rate_rad_s = settings.link.sensor_period_s, table.steer_rate_rad_s_max
@@ -226,7 +267,10 @@ def design_mpc(settings: "LawSettings") -> Schedule:
         )
         step_rad_max, share = rate_rad_s * period_s, 1.0 - exp(-sample_s / table.averaging_s)
         of = inside.at(speed_m_s)
-        return MpcParams(of, horizon, step_rad_max, speed_m_s, sample_s, table.ramp_s, share)
+        return MpcParams(
+            *(of, horizon, step_rad_max, speed_m_s, sample_s, table.ramp_s, share),
+            *(acceleration_m_s2 if asks else inf, _RECOVERY_M_S2 * period_s),
+        )
 
     return Schedule(at)
 
@@ -240,4 +284,5 @@ LAW = predictor.LAW._replace(
     needs=(predictor.NAME, *predictor.LAW.needs),
     after_hold=mpc_after_hold,
     believes=mpc_believes,
+    asks_speed=mpc_asks_speed,
 )

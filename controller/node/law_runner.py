@@ -79,6 +79,12 @@ class LawRunner:
         believes = self.design.believes
         return None if believes is None or self._state is None else believes(self._state)
 
+    @property
+    def asked_speed_m_s(self) -> float | None:
+        """The speed that the law asks not to exceed [m/s]; None if it never asks, or not yet."""
+        asks_speed = self.design.asks_speed
+        return None if asks_speed is None or self._state is None else asks_speed(self._state)
+
     def on_speed(self, speed_m_s: float) -> None:
         """Set the law's parameters for a speed, and the share of its steer."""
         if speed_m_s == self._speed_m_s:

@@ -203,6 +203,7 @@ class ControllerNode:
             frames.append(self._statuses.status(mode, self._law.output, skipped))
             frames.append(self._safety.frame(self._fault, now_ns))
             frames.append(self._statuses.delay(delay_status(delay_s)))
+            frames += self._statuses.speed(self._law.asked_speed_m_s)
             if served % MODEL_PERIODS == 0:
                 frames += self._model_frame()
             if self._ends_with_plant and self._sent_steer_rad == 0.0:

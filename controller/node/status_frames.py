@@ -11,6 +11,7 @@ from ...dbc.messages import (
     ModelStatus,
     Sender,
     ShownMassState,
+    SpeedRequest,
     limits,
 )
 from ...runtime.frame import Frame
@@ -20,6 +21,8 @@ STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""
 MODEL_PERIODS = 10
 """MODEL_STATUS comes with every tenth of these."""
+SPEED_M_S_MAX = limits(SpeedRequest)["speed_max_m_s"].maximum
+"""A request for this speed ends all others."""
 _LIMITS, _MODEL_LIMITS = limits(ControllerStatus), limits(ModelStatus)
 _DISTURBANCE, _NETWORK = _LIMITS["disturbance_rad"], _LIMITS["network_disturbance_rad"]
 _SKIPPED_COUNTERS = int(_LIMITS["skipped_ticks"].maximum) + 1
@@ -44,12 +47,14 @@ def clamped(value: float, minimum: float, maximum: float) -> float:
 
 
 class StatusFrames:
-    """Makes CONTROLLER_STATUS, DELAY_STATUS and MODEL_STATUS."""
+    """Makes CONTROLLER_STATUS, DELAY_STATUS, MODEL_STATUS and SPEED_REQUEST."""
 
     def __init__(self, law: LawNumber) -> None:
         self._law = law
         self._statuses, self._delays = Sender(ControllerStatus), Sender(DelayStatus)
         self._models = Sender(ModelStatus)
+        self._speeds = Sender(SpeedRequest)
+        self._asked_m_s = SPEED_M_S_MAX
 
     def status(self, mode: Mode, output: LawOutput, skipped: int) -> Frame:
         """Return the status."""
@@ -59,6 +64,14 @@ class StatusFrames:
     def delay(self, status: DelayStatus) -> Frame:
         """Return the frame of the delay."""
         return self._delays.frame(status)
+
+    def speed(self, asked_m_s: float | None) -> list[Frame]:
+        """Return the request for a speed: none before the first that is below all speeds."""
+        before_m_s, asked_m_s = self._asked_m_s, min(asked_m_s or SPEED_M_S_MAX, SPEED_M_S_MAX)
+        self._asked_m_s = asked_m_s
+        if before_m_s == asked_m_s == SPEED_M_S_MAX:
+            return []
+        return [self._speeds.frame(SpeedRequest(speed_max_m_s=asked_m_s))]
 
     def model(self, belief: VehicleBelief, shown_mass_kg: float | None) -> Frame:
         """Return the frame of the vehicle as the law takes it, and as its yaw rate shows it."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire import simulate
+from steer_by_wire import SettingsError, simulate
 from steer_by_wire.controller.settings import controller_preset
 from tests.support.loops.own_car import lane_change, largest_deviation_m
 
@@ -53,3 +53,23 @@ def test_another_car_is_as_far_off_within_a_tenth_and_a_centimetre(
     )
     assert run.peak_m > 0.03
     assert run.peak_m == pytest.approx(other_m, rel=0.1, abs=0.01)
+
+
+def test_a_bend_beyond_the_grip_is_held_by_asking_to_slow_down_in_time() -> None:
+    """A lane change at 1.3 of the grip, known 3 s ahead: at its speed the car leaves the path."""
+    plant = plant_of("μ 0.3, 100 km/h", 0.2)
+    plant["plant.path"] = {**plant["plant.path"], "length_m": 75.0}
+    plant |= {
+        "plant.path_ahead": {"reach_s": 3.0},
+        "controller.predictor.lateral_acceleration_m_s2_max": 1.5,
+    }
+    asks = {**plant, "controller.mpc.asks_to_slow_down": True}
+    slides, slows = (
+        simulate("highway_nominal", "highway_mpc", duration_s=12.0, overrides=each)
+        for each in (plant, asks)
+    )
+    assert "less speed or more grip would have held it" in repr(slides)
+    assert "complete" in repr(slows)
+    assert slows.peak_m < 0.15
+    with pytest.raises(SettingsError, match="asks to slow down, which compiled runs do not carry"):
+        simulate("highway_nominal", "highway_mpc", engine="compiled", overrides=asks)
