@@ -138,9 +138,16 @@ def largest_deviation_m(
                 return worst_m
             code = SteeringStatusCode.NO_COMMAND if applied < 0 else SteeringStatusCode.APPLYING
             for message in (
-                LateralError(error_m, heading - float(road.heading_rad[preview])),
-                SteeringStatus(wheel, max(applied, 0), code),
-                VehicleState(speed_m_s, r, float(road.curvature_1_m[preview])),
+                LateralError(
+                    lateral_error_m=error_m,
+                    heading_error_rad=heading - float(road.heading_rad[preview]),
+                ),
+                SteeringStatus(wheel_angle_rad=wheel, applied_counter=max(applied, 0), status=code),
+                VehicleState(
+                    speed_m_s=speed_m_s,
+                    yaw_rate_rad_s=r,
+                    preview_curvature_1_m=float(road.curvature_1_m[preview]),
+                ),
             ):
                 node.on_frame(senders[type(message)].frame(message), now_ns)
             while node.deadline_ns <= now_ns:
