@@ -2,7 +2,14 @@
 
 import pytest
 
-from tests.searches.feedback_boundaries import boundary_n_m, disagreements, drawn
+from tests.searches.feedback_boundaries import (
+    Loop,
+    boundary_n_m,
+    disagreements,
+    drawn,
+    is_unstable,
+    kicked,
+)
 
 NUMBERS = (3, 13)
 """One with the road's force, one with a CDOB."""
@@ -14,3 +21,11 @@ def test_runs_shake_where_the_analysis_says(number: int) -> None:
     boundary = boundary_n_m(loop)
     assert boundary is not None
     assert disagreements(loop, boundary) == []
+
+
+def test_friction_hides_an_unstable_loop_until_a_kick() -> None:
+    loop = Loop("rack_force", "hands_off", 80 / 3.6, 0.02, 0.15, 10.0, 2, 2)
+    assert is_unstable(loop, 6.0)
+    small, large = (kicked(loop, 6.0, kick, friction_n_m=0.3).report() for kick in (0.6, 3.0))
+    assert small["verdict"] == "still"
+    assert large["verdict"].startswith("shakes at 1.")

@@ -118,11 +118,10 @@ def drawn_with_boundary(first: int = 0) -> Iterator[tuple[int, Loop, float]]:
             yield number, loop, gradient
 
 
-def growth_1_s(loop: Loop, gradient_n_m: float) -> float:
-    """Return the rate at which the wheel's swing grows in a run of both nodes [1/s].
-
-    It is infinite for a wheel that has soon come to its stops, or to the limit of its motor.
-    """
+def kicked(
+    loop: Loop, gradient_n_m: float, kick_n_m: float = 1.5, friction_n_m: float = 0.0
+) -> HandWheelNode:
+    """Return the hand wheel after a run of both nodes in which the driver kicks it once."""
     vehicle: dict[str, Any] = loop.vehicle._asdict()
     del vehicle["preview_distance_m"]
     cycle_s = loop.cycle_ms / 1e3
@@ -144,20 +143,28 @@ def growth_1_s(loop: Loop, gradient_n_m: float) -> float:
     wheel = HandWheelSettings.model_validate(
         {
             "cycle_ms": loop.cycle_ms,
-            "wheel": {"friction_n_m": 0.0, "torque_n_m_max": 20.0}
+            "wheel": {"friction_n_m": friction_n_m, "torque_n_m_max": 20.0}
             | {"damping_n_m_s": loop.damping_n_m_s},
             "driver": {"grip": loop.grip}
-            | {"kicks": [{"at_s": 0.5, "lasts_s": 0.1, "torque_n_m": 1.5}]},
+            | {"kicks": [{"at_s": 0.5, "lasts_s": 0.1, "torque_n_m": kick_n_m}]},
             "feedback": {"law": loop.law, "torque_gradient_n_m": gradient_n_m},
             "nominal_model": {**vehicle, "actuator_lag_s": loop.lag_s},
             "supervision": {"timeout_ms": 5000.0},
         }
     )
-    samples = round(DURATION_S / cycle_s)
-    node = HandWheelNode(wheel, 0, samples)
+    node = HandWheelNode(wheel, 0, round(DURATION_S / cycle_s))
     VirtualTimeExecutor((PlantNode(plant, 0, samples_max=0), node)).run(round(DURATION_S * 1e9))
-    angles = np.array([sample.angle_rad for sample in node.samples])
-    torques = np.array([sample.feedback_torque_n_m for sample in node.samples])
+    return node
+
+
+def growth_1_s(loop: Loop, gradient_n_m: float) -> float:
+    """Return the rate at which the wheel's swing grows in a run of both nodes [1/s].
+
+    It is infinite for a wheel that has soon come to its stops, or to the limit of its motor.
+    """
+    samples, cycle_s = kicked(loop, gradient_n_m).samples, loop.cycle_ms / 1e3
+    angles = np.array([sample.angle_rad for sample in samples])
+    torques = np.array([sample.feedback_torque_n_m for sample in samples])
     beyond = np.flatnonzero((np.abs(angles) > _LINEAR_RAD) | (np.abs(torques) > _LINEAR_N_M))
     linear_s = float(beyond[0]) * cycle_s if len(beyond) else DURATION_S
     if linear_s < 0.5 * DURATION_S:
