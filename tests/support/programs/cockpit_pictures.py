@@ -30,7 +30,7 @@ _SPAN_S = 15
 _SETTLED = f"""cockpit.nowS > {_SPAN_S + 5} && cockpit.lanes.every((rows) =>
     rows.columns.round_trip_s
         .subarray(rows.indexAt(cockpit.nowS - {_SPAN_S}), rows.length)
-        .every((trip) => Math.abs(trip - 0.17) < 0.03))"""
+        .every((trip) => Math.abs(trip - 0.085) < 0.03))"""
 """Whether every lane was driven in time in all that the charts show; no number is not in time."""
 _PATIENCE_S = 600.0
 
