@@ -315,7 +315,7 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     key(browser, "keyDown", "ArrowLeft")
     browser.wait_for(f"{value_of('steer_rad')} > 0.01")
     begun = [
-        f"Number.isFinite(cockpit.lanes[0].value('steer_rad', begunS - {s}))" for s in (0.0, 0.2)
+        f"Number.isFinite(cockpit.lanes[0].value('steer_rad', begunS - {s}))" for s in (0.0, 1.0)
     ]
     assert [browser.read(is_steered) for is_steered in begun] == [True, False]
     browser.wait_for(f"{value_of('steer_in_effect_rad')} > 0.01")
@@ -377,5 +377,5 @@ def test_the_deviation_button_is_lit_only_where_it_magnifies(browser: Browser, r
     lit = "document.getElementById('deviation').ariaPressed"
     said = "/\\d+/.exec(document.getElementById('deviation').textContent)[0]"
     for error_m, wanted in ((0.31, "false,1"), (0.29, "true,10")):
-        browser.read(f"cockpit.lanes[0].columns.lateral_error_m.fill({error_m}); cockpit.touch()")
+        browser.read(f"cockpit.lanes[0].columns.cg_deviation_m.fill({error_m}); cockpit.touch()")
         browser.wait_for(f"[{lit}, {said}].join() === {wanted!r}")

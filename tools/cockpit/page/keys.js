@@ -6,7 +6,7 @@ const SIGNS_TEXT = [
   ["wanted", "the newest command on the bus"],
   ["in effect", "the command that the plant applies now, by the counter that it returns"],
   ["applied", "the angle of the wheels, as their sensor reports it"],
-  ["deviation", "from the path to the preview point, drawn ×1 or ×10; left is up and positive"],
+  ["deviation", "from the path to the car, drawn ×1 or ×10; left is up and positive"],
   ["latency", "what the network adds to one frame, as the plant reports it ten times a second"],
   ["round trip", "from a command to the first measurement that shows it in effect"],
   ["RMS, peak", "of the car's deviation from the path since the start, or since they were reset"],

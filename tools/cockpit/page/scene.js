@@ -103,7 +103,7 @@ export class Scene {
     pen.translate(-camera.atX, -camera.atY);
     if (!this.isWhole) drawGrid(pen, camera, this.reach(camera, place));
     drawPath(pen, camera, this.reach(camera, place), facts, rows, at);
-    drawTrail(pen, rows, at, nowS - TRAIL_S, factor);
+    drawTrail(pen, rows, at, nowS - TRAIL_S, factor, facts.preview_m);
     inkAs(pen, lawLine(facts), 2 / camera.scale);
     drawGhost(pen, facts, rows, at, factor, state);
     // A car that has not begun stands at the start of its path; one that is out of sight is not drawn.
@@ -126,12 +126,12 @@ export class Scene {
   // Magnified, a car that was far off would leave the picture with its road.
   factorAt(rows, at, nowS) {
     if (this.app.isDriven) return 1;
-    const errors = rows.columns.lateral_error_m.subarray(Math.max(rows.indexAt(nowS - TRAIL_S), 0), at + 1);
-    return errors.some((error) => Math.abs(error) > FAR_M) ? 1 : this.factor;
+    const deviations = rows.columns.cg_deviation_m.subarray(Math.max(rows.indexAt(nowS - TRAIL_S), 0), at + 1);
+    return deviations.some((deviation) => Math.abs(deviation) > FAR_M) ? 1 : this.factor;
   }
 
   camera(place, state) {
-    const farM = Math.hypot(state.previewX - state.footX, state.previewY - state.footY);
+    const farM = Math.hypot(state.x - state.besideX, state.y - state.besideY);
     const wished = this.pixelsPerM * (this.app.lanes.length > 1 ? 0.62 : 1);
     const scale = Math.min(wished, (0.4 * place.height) / farM); // the road stays in the picture
     // The vehicle is left of the middle: what is ahead says more.
@@ -161,10 +161,10 @@ export class Scene {
     if (!this.isWhole) drawSteer(pen, place, state, this.app.lanes.length > 1);
     pen.fillStyle = colour("text");
     if (!this.isWhole && Number.isFinite(state.error)) {
-      const off = `preview ${length(state.error, this.app.isInMetres)}`;
-      const tip = onScreen(camera, state.previewX, state.previewY);
+      const off = `car ${length(state.deviation, this.app.isInMetres)}`;
+      const tip = onScreen(camera, state.nameX, state.nameY);
       // Above the car where the scale of the steering would lie over it.
-      const isAbove = state.error > 0 || this.app.lanes.length > 1;
+      const isAbove = state.deviation > 0 || this.app.lanes.length > 1;
       write(pen, off, tip.x + 12, tip.y + (isAbove ? -8 : 16));
     }
   }
@@ -180,24 +180,34 @@ function viewports(count, width, height) {
   }));
 }
 
+// Where the car is, its deviation from the path magnified, and the place of the path next to it.
+function placeAt(rows, at, factor, previewM) {
+  const read = (name) => rows.columns[name][at];
+  const known = (name) => (Number.isFinite(read(name)) ? read(name) : 0);
+  const pathHeading = read("path_heading_rad"), heading = pathHeading + known("heading_error_rad");
+  const footX = read("foot_x_m"), footY = read("foot_y_m"); // of the preview point on the path
+  const error = known("lateral_error_m");
+  const deviation = Number.isFinite(read("cg_deviation_m")) ? read("cg_deviation_m") : error;
+  const [leftX, leftY] = [-Math.sin(pathHeading), Math.cos(pathHeading)];
+  const off = error + (factor - 1) * deviation;
+  const x = footX + off * leftX - previewM * Math.cos(heading), y = footY + off * leftY - previewM * Math.sin(heading);
+  return {
+    pathHeading, heading, footX, footY, deviation, x, y,
+    besideX: x - factor * deviation * leftX, besideY: y - factor * deviation * leftY,
+    nameX: x + previewM * Math.cos(heading), nameY: y + previewM * Math.sin(heading),
+  };
+}
+
 function stateAt(rows, at, factor, previewM) {
   const read = (name) => rows.columns[name][at];
-  const pathHeading = read("path_heading_rad");
-  const error = read("lateral_error_m");
-  const off = factor * (Number.isFinite(error) ? error : 0);
-  const heading = pathHeading + (Number.isFinite(read("heading_error_rad")) ? read("heading_error_rad") : 0);
-  const footX = read("foot_x_m"), footY = read("foot_y_m");
-  const previewX = footX - off * Math.sin(pathHeading);
-  const previewY = footY + off * Math.cos(pathHeading);
   return {
-    error, pathHeading, heading, footX, footY, previewX, previewY,
-    x: previewX - previewM * Math.cos(heading), y: previewY - previewM * Math.sin(heading),
+    ...placeAt(rows, at, factor, previewM), error: read("lateral_error_m"),
     wanted: read("steer_rad"), inEffect: read("steer_in_effect_rad"), applied: read("wheel_angle_rad"),
   };
 }
 
-function drawTrail(pen, rows, at, fromS, factor) {
-  const { foot_x_m: x, foot_y_m: y, path_heading_rad: heading, lateral_error_m: error } = rows.columns;
+function drawTrail(pen, rows, at, fromS, factor, previewM) {
+  const { lateral_error_m: error } = rows.columns;
   const first = Math.max(rows.indexAt(fromS), 0);
   pen.beginPath();
   for (let index = first - (first % TRAIL_ROWS); index <= at; index += TRAIL_ROWS) {
@@ -205,8 +215,8 @@ function drawTrail(pen, rows, at, fromS, factor) {
       pen.beginPath(); // what was before is not the way of a car that was put back
       continue;
     }
-    const off = factor * error[index];
-    pen.lineTo(x[index] - off * Math.sin(heading[index]), y[index] + off * Math.cos(heading[index]));
+    const { x, y } = placeAt(rows, index, factor, previewM);
+    pen.lineTo(x, y);
   }
 }
 
@@ -301,12 +311,12 @@ function say(pen, width, height, text) {
 
 function drawDeviation(pen, camera, state) {
   const size = 4.5 / camera.scale;
-  trace(pen, [[state.footX, state.footY], [state.previewX, state.previewY]]);
+  trace(pen, [[state.besideX, state.besideY], [state.x, state.y]]);
   ink(pen, colour("bad"), 2 / camera.scale);
   pen.fillStyle = colour("path");
-  pen.fillRect(state.footX - size / 2, state.footY - size / 2, size, size);
+  pen.fillRect(state.besideX - size / 2, state.besideY - size / 2, size, size);
   pen.beginPath();
-  pen.arc(state.previewX, state.previewY, size, 0, 2 * Math.PI);
+  pen.arc(state.x, state.y, size, 0, 2 * Math.PI);
   pen.fillStyle = colour("bad");
   pen.fill();
 }
