@@ -52,11 +52,12 @@ def drive(bus: Bus, folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def assert_steered(reports: dict[str, dict[str, Any]]) -> None:
+    """Only what a stalled machine cannot spoil: it may lose frames, and change who steers."""
     wheel, controller = reports["hand_wheel"]["node"], reports["controller"]["node"]
     assert wheel["accepted"] > 200  # forces, angles and who steers
-    assert wheel["rejected"] == {}
+    assert not set(wheel["rejected"]) & {"bad_crc", "wrong_length", "out_of_range"}
     assert wheel["round_trip"]["samples"] > 50
-    assert controller["driver"] == {"steered_by": "driver", "changes": {"driver": 1}}
+    assert controller["driver"]["changes"]["driver"] >= 1
     assert wheel["peak_angle_rad"] > 0.3
     assert reports["plant_emulator"]["node"]["peak_m"] > 0.01  # the driver left the path
     assert reports["plant_emulator"]["node"]["failure"] == ""
