@@ -186,7 +186,7 @@ class _Bounds(NamedTuple):
         """Return the ends by the profile, where the covariance alone would not do."""
         sought = {one.name: one for one in self.found.problem.parameters}
         if quantity.name == "dead_time_s":
-            return self._of_dead_time(low, high)
+            return self._of_dead_time()
         parameter = sought.get(quantity.source)
         if parameter is None or not self.with_profiles:
             return low, high
@@ -214,8 +214,8 @@ class _Bounds(NamedTuple):
                 ends.append(quantity.function(moved))
         return min(ends), max(ends)
 
-    def _of_dead_time(self, low: float, high: float) -> tuple[float, float]:
-        """Return the ends for any lag that the log allows, with the same sum."""
+    def _of_dead_time(self) -> tuple[float, float]:
+        """Return the ends for any lag that the log allows; a lag near 0 has no slope."""
         at = self.found.problem.place("lag_squared_s2")
         half = self.found.critical * sqrt(float(self.found.covariance[at, at]))
         longest_s = sqrt(max(self.found.x[at] + half, 0.0))
@@ -223,7 +223,6 @@ class _Bounds(NamedTuple):
         place = self.found.problem.place("delay_and_lag_s")
         spread_s = self.found.critical * sqrt(float(self.found.covariance[place, place]))
         total_s = self.found.values["delay_and_lag_s"]
-        del low, high  # a lag near 0 has no slope
         return total_s - longest_s - spread_s, total_s - shortest_s + spread_s
 
 

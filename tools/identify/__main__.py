@@ -43,6 +43,7 @@ from steer_by_wire.closed_loop.identification.vehicle_file import (
 )
 from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.closed_loop.reports.terminal import plain_console
+from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
 from steer_by_wire.plant_emulator.vehicle.settings import LAG_S_MIN
 from steer_by_wire.runtime.command_line import (
@@ -55,7 +56,7 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.report import write_json
-from steer_by_wire.runtime.settings import SettingsError, load_settings
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 
 NAME = "steer-by-wire identify"
 _NEW = "new"
@@ -94,7 +95,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     show = plain_console().print
+    if options.controller is not None:
+        read_preset(PRESETS, options.controller)  # refused before the fit
     if options.logs[0] == Path(_NEW):
+        if len(options.logs) == 1:
+            raise SettingsError("new: name a LOG whose columns are to be mapped")
         for log in options.logs[1:]:
             print(proposed_mapping(log), end="")
         return ExitStatus.OK

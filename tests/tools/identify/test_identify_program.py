@@ -73,3 +73,11 @@ def test_what_cannot_be_known_is_refused_in_one_line(log, tmp_path, capsys, know
     error = capsys.readouterr().err
     assert what in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words", [["new"], ["missing.csv"], ["--controller", "nix", "missing.csv"]]
+)
+def test_a_wrong_call_is_refused_in_one_line(capsys, words) -> None:
+    assert main(words) == 2
+    assert capsys.readouterr().err.count("\n") == 1
