@@ -12,6 +12,7 @@ import pytest
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.reports.law_colours import LAW_LINES
 from steer_by_wire.tools.cockpit.page import page_files, served_page, single_page
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.scenario import choices, lane_settings, scenario_of, scenarios
@@ -42,6 +43,8 @@ def test_a_replay_ends_with_the_figures_of_the_analysis(log: Path) -> None:
     assert gzip.decompress(block)[-8:] == last[-8:]
     (lane,) = head["lanes"]
     assert lane["lights"][-1][1][0]["state"] == "ACTIVE"
+    colour, dash = lane["line"]
+    assert (colour, tuple(dash)) == LAW_LINES["pd_ddob"]
     assert len(lane["frame_lists"]) == math.ceil(head["duration_s"] / lane["frame_list_s"])
 
 
