@@ -62,7 +62,7 @@ STATUS_NS = 100_000_000
 _STEPS_MAX = 10_000
 """After a longer stall the wheel moves no further: it is at rest, or at its stop."""
 _LAW_NS = 500_000_000
-"""Without HAND_WHEEL_FEEDBACK for longer, the driver steers: chosen."""
+"""Without HAND_WHEEL_FEEDBACK for longer, the driver steers: chosen, as of the plant."""
 _REJECTED_COUNTERS = int(limits(HandWheelStatus)["rejected"].maximum) + 1
 _ANGLE_RANGE = limits(HandWheelState)["hand_wheel_angle_rad"]
 _RATE_RANGE = limits(HandWheelState)["hand_wheel_rate_rad_s"]

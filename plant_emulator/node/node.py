@@ -380,10 +380,10 @@ class PlantNode:
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
             latency_s = (left_ns - came_ns) * 1e-9
             if isinstance(released, HandWheelFeedback):
-                self._hand_wheel.on_feedback(released)
+                self._hand_wheel.on_feedback(released, due_ns)
                 continue
             if isinstance(released, HandWheelState):
-                if self._hand_wheel.driver_steers:
+                if self._hand_wheel.driver_steers(due_ns):
                     self._steer(self._hand_wheel.steer_rad(released), due_ns)
                 continue
             command = self._plans.on_command(released, latency_s)
@@ -394,7 +394,7 @@ class PlantNode:
         self, command: SteeringCommand, latency_s: float, due_ns: int, *, is_new: bool = True
     ) -> None:
         """Process a command at ``due_ns``; while the driver steers, it is echoed alone."""
-        is_echoed = self._hand_wheel.driver_steers
+        is_echoed = self._hand_wheel.driver_steers(due_ns)
         if is_echoed or self._steer(command.steer_rad, due_ns, is_new=is_new):
             self._command, self._command_latency_s = command, latency_s
 
@@ -450,7 +450,7 @@ class PlantNode:
             self.finished = True
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)
-        if self._hand_wheel.driver_steers and code is SteeringStatusCode.APPLYING:
+        if self._hand_wheel.driver_steers(time_ns) and code is SteeringStatusCode.APPLYING:
             code = SteeringStatusCode.LIMITED_BY_SAFETY  # the command is not what acts
         self._sampling.send(applied, code, time_ns, motion_ns)
 

@@ -1,14 +1,18 @@
 """Hand wheel: who steers, the law or the driver, and which angle the driver asks for.
 
-The controller decides (HAND_WHEEL_FEEDBACK). Until it has, and for good if it falls silent then,
-the driver steers. Both messages come through the latency of commands, and the angle acts through
-the same guard as a command.
+The controller decides (HAND_WHEEL_FEEDBACK). Until it has, and once it has been silent for
+SILENCE_NS, the driver steers. Both messages come through the latency of commands, and the angle
+acts through the same guard as a command.
 """
 
 from pydantic import Field
 
 from ...dbc.messages import HandWheelFeedback, HandWheelState, SteeredBy
+from ...runtime.node import NEVER_NS
 from ...runtime.settings import Settings
+
+SILENCE_NS = 500_000_000
+"""Chosen; the hand wheel waits as long."""
 
 
 class HandWheelSettings(Settings):
@@ -19,18 +23,20 @@ class HandWheelSettings(Settings):
 
 
 class HandWheelLink:
-    """Keeps what the controller said last.
-
-    ``driver_steers``  whether HAND_WHEEL_STATE sets the target of the wheels, and no command
-    """
+    """Keeps what the controller said last."""
 
     def __init__(self, settings: HandWheelSettings | None) -> None:
-        self.driver_steers = settings is not None
+        self._law_until_ns = NEVER_NS if settings is None else 0
         self._ratio = 1.0 if settings is None else settings.steering_ratio
 
-    def on_feedback(self, message: HandWheelFeedback) -> None:
+    def driver_steers(self, now_ns: int) -> bool:
+        """Whether HAND_WHEEL_STATE sets the target of the wheels, and no command."""
+        return now_ns >= self._law_until_ns
+
+    def on_feedback(self, message: HandWheelFeedback, now_ns: int) -> None:
         """Process who steers, and the ratio."""
-        self.driver_steers = message.steered_by is not SteeredBy.LAW
+        is_law = message.steered_by is SteeredBy.LAW
+        self._law_until_ns = now_ns + SILENCE_NS if is_law else 0
         if message.steering_ratio >= 1.0:
             self._ratio = message.steering_ratio
 

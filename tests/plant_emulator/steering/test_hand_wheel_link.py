@@ -76,6 +76,21 @@ def test_a_hand_wheel_that_falls_silent_is_held_then_straightened() -> None:
     assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
 
 
+def test_the_driver_steers_once_the_controller_is_silent() -> None:
+    tested = plant()
+    law = HandWheelFeedback(
+        feedback_torque_n_m=0.0, steering_ratio=20.0, answered_state=0, steered_by=SteeredBy.LAW
+    )
+    for ms in range(0, 200, 10):
+        send(tested, law, START_NS + ms * MS_NS, ms // 10)
+        tested.command(START_NS + ms * MS_NS, 0.01)
+    driven(range(200, 600), 0.4, tested)
+    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.01)
+    driven(range(600, 1400), 0.4, tested)
+    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.02)
+    assert tested.last(PlantStatus).safety is SafetyState.NORMAL
+
+
 def test_without_its_table_the_plant_ignores_a_hand_wheel() -> None:
     tested = link()
     tested.command(START_NS, 0.01)
