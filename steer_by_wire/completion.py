@@ -24,28 +24,38 @@ NO_SPACE = "="
 
 
 def keep(program: str, parser: "ArgumentParser") -> None:
-    """Keep what a parser knows; one with subcommands is left to argcomplete."""
-    import argparse
-
+    """Keep what a parser knows."""
     from .runtime.output_file import write_text
 
-    if any(isinstance(action, argparse._SubParsersAction) for action in parser._actions):
-        return
+    file = _file(program)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        for former in file.parent.glob(f"*-{program}.json"):
+            former.unlink(missing_ok=True)
+        write_text(file, json.dumps(_known(parser)))
+    except OSError:
+        return  # slow, but right
+
+
+def _known(parser: "ArgumentParser") -> dict[str, Any]:
+    """Return options and values of a parser, and the same of each of its commands."""
+    import argparse
+
     options = {
         option: None if action.nargs == 0 else _values(action)
         for action in parser._actions
         for option in action.option_strings
         if option.startswith("--") and action.help != argparse.SUPPRESS
     }
-    places = [value for action in parser._get_positional_actions() for value in _values(action)]
-    file = _file(program)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        for former in file.parent.glob(f"*-{program}.json"):
-            former.unlink(missing_ok=True)
-        write_text(file, json.dumps({"options": options, "places": places}))
-    except OSError:
-        return  # slow, but right
+    places = parser._get_positional_actions()
+    commands = {
+        name: _known(command)
+        for action in places
+        if isinstance(action, argparse._SubParsersAction)
+        for name, command in action.choices.items()
+    }
+    values = [value for action in places for value in _values(action)]
+    return {"options": options, "places": values, "commands": commands}
 
 
 def answer_from_cache(program: str, line: str) -> bool:
@@ -56,6 +66,7 @@ def answer_from_cache(program: str, line: str) -> bool:
     except (OSError, ValueError):
         return False
     last = "" if line.endswith(" ") else words.pop()
+    known = next((known["commands"][word] for word in words if word in known["commands"]), known)
     found = list(_candidates(known, words[-1], last))
     if not found:
         return False

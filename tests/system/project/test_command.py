@@ -253,6 +253,7 @@ def completions(line: str, tmp_path: Path) -> set[str]:
         ("steer-by-wire plant --fail-if set", {"settled_rms_m"}),
         ("steer-by-wire study com", {"compare", "compare_at_speed"}),
         ("steer-by-wire cockpit --bus e", {"emulated"}),
+        ("steer-by-wire can response-times --b", {"--bitrate"}),
     ],
 )
 def test_a_shell_is_offered_programs_options_and_values(
