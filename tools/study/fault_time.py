@@ -35,7 +35,7 @@ def run_fault_time(options: argparse.Namespace) -> int:
     cases = list(cases_of(settings))
     print_line = plain_console().print
     print_line(f"study: fault_time: {settings.title}")
-    print_line(f"cases: {len(cases)}, each of 2 to {_runs_max(settings)} runs")
+    print_line(f"cases: {len(cases)}")
     if options.dry_run:
         return ExitStatus.OK
     times = {case: longest_time_s(settings, case) for case in cases}
@@ -51,10 +51,6 @@ def run_fault_time(options: argparse.Namespace) -> int:
     write_file(folder / "fault_time.png", png_of(picture_of(settings, times)))
     print_line(f"results: {folder / 'fault_time.csv'}, {folder / 'fault_time.png'}")
     return ExitStatus.OK
-
-
-def _runs_max(settings: FaultTimeSettings) -> int:
-    return 3 + math.ceil(math.log2(settings.time_s_max / settings.resolution_s))
 
 
 def _text(settings: FaultTimeSettings, time_s: float) -> str:
@@ -75,7 +71,10 @@ def lines_of(settings: FaultTimeSettings, times: Times) -> list[str]:
             for fault in settings.faults:
                 cells = [_text(settings, t) for case, t in own.items() if case.fault is fault]
                 lines.append(f"{fault:<13}" + "".join(f"{cell:>8}" for cell in cells))
-    lines += ["", "> : stays after the longest time tried; 0.00: leaves though it reacts at once;"]
+    lines += [
+        "",
+        "> : stays after every time tried; 0.00: leaves though the steering reacts at once;",
+    ]
     lines += ["- : leaves its lane without a fault"]
     for speed in sorted({case.speed_km_h for case in times}):
         last = max(settings.fallbacks, key=partial(_held_s, settings, times, speed))

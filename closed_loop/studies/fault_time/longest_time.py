@@ -3,8 +3,8 @@
 The fault begins at ``onset_s``, where a bend begins if there is one: its curvature grows for
 ENTRY_S. After the time in question the steering reacts: the fault is isolated, as by a second
 channel, and the fallback begins. The car stays if no corner of its body leaves the lane until
-``watch_s`` later, or until it nearly stands. Whether a longer fault is worse is assumed, and the
-time found by halving. The runs are compiled: nothing but the steering reacts to the fault.
+``watch_s`` later, or until it nearly stands; for each shorter time, every ``scan_s``, it has to
+stay as well. The runs are compiled: nothing but the steering reacts to the fault.
 """
 
 import math
@@ -46,6 +46,7 @@ def _road(own: Bend) -> Path:
     return path_of_curvature([(own.start_m, 0.0), *bend, (own.end_m + own.clothoid_m, 0.0)])
 
 
+_plant, _controller = lru_cache(maxsize=4)(plant_preset), lru_cache(maxsize=4)(controller_preset)
 _ANY = FallbackName.KEEP
 BEND = PathModel(_road, settings=Bend)
 
@@ -58,18 +59,21 @@ def longest_time_s(settings: FaultTimeSettings, case: Case) -> float:
     """
     if not _stays_healthy(settings, case._replace(fault=FaultName.SILENCE, fallback=_ANY)):
         return math.nan
-    if _stays(settings, case, settings.time_s_max):
+    # A longer fault may be better: the law makes up for an offset, and then keeping is right.
+    tried = range(math.floor(settings.time_s_max / settings.scan_s) + 1)
+    leaving = next((n for n in tried if not _stays(settings, case, n * settings.scan_s)), None)
+    if leaving is None:
         return math.inf
-    if not _stays(settings, case, 0.0):
+    if leaving == 0:
         return 0.0
-    low, high = 0, math.ceil(settings.time_s_max / settings.resolution_s)
-    while high - low > 1:
-        middle = (low + high) // 2
-        if _stays(settings, case, middle * settings.resolution_s):
+    low, high = (leaving - 1) * settings.scan_s, leaving * settings.scan_s
+    while high - low > 1.5 * settings.resolution_s:
+        middle = low + settings.resolution_s * round(0.5 * (high - low) / settings.resolution_s)
+        if _stays(settings, case, middle):
             low = middle
         else:
             high = middle
-    return round(low * settings.resolution_s, 6)
+    return round(low, 6)
 
 
 @lru_cache(maxsize=64)
@@ -81,7 +85,7 @@ def _stays_healthy(settings: FaultTimeSettings, case: Case) -> bool:
 def _stays(settings: FaultTimeSettings, case: Case, time_s: float | None) -> bool:
     """Return whether the car stays in its lane if the fault lasts a time; None: without one."""
     plant = plant_of(settings, case, time_s)
-    run = run_compiled(plant, controller_preset(settings.controller_preset))
+    run = run_compiled(plant, _controller(settings.controller_preset))
     place = run.heading_error_rad, run.lateral_error_m, run.curvature_1_m
     beyond_m = farthest_beyond_lane_m(plant, *place, run.deviation_m)
     return run.outcome is Outcome.COMPLETE and beyond_m <= 0.0
@@ -89,7 +93,7 @@ def _stays(settings: FaultTimeSettings, case: Case, time_s: float | None) -> boo
 
 def plant_of(settings: FaultTimeSettings, case: Case, time_s: float | None) -> PlantSettings:
     """Return the plant of a run; raises SettingsError."""
-    preset = plant_preset(settings.plant_preset, settings.plant)
+    preset = _plant(settings.plant_preset, settings.plant)
     vehicle = preset.vehicle.model_copy(update={"speed_m_s": case.speed_km_h / 3.6})
     stops = case.fallback is FallbackName.FOLLOW_AND_STOP
     stop_s = (vehicle.speed_m_s - _SLOWEST_M_S) / settings.stop_m_s2 if stops else math.inf

@@ -71,7 +71,10 @@ class FaultTimeSettings(Settings):
     """Of the fault, once the loop has settled."""
     time_s_max: float = Field(4.0, ge=0.1, le=60.0)
     """No longer time is tried."""
+    scan_s: float = Field(0.2, ge=0.01, le=10.0)
+    """From one time that is tried to the next."""
     resolution_s: float = Field(0.01, ge=0.001, le=1.0)
+    """Of the time, between two of these."""
     watch_s: float = Field(6.0, ge=1.0, le=60.0)
     """From the beginning of the fallback on, until somebody takes over."""
 

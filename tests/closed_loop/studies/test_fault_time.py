@@ -104,7 +104,7 @@ def test_the_program_writes_table_file_and_picture(
     own = tmp_path / "mine.toml"
     own.write_text(
         "[fault_time]\nspeeds_km_h = [30]\nbends_m_s2 = [0]\nfaults = ['stuck']\n"
-        "fallbacks = ['keep']\nonset_s = 1\nwatch_s = 1\ntime_s_max = 0.2\nresolution_s = 0.1\n",
+        "fallbacks = ['keep']\nonset_s = 1\nwatch_s = 1\ntime_s_max = 0.2\n",
         encoding="utf-8",
     )
     out = tmp_path / "out"
