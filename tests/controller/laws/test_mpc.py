@@ -84,7 +84,7 @@ def test_a_lane_change_is_held_better_than_by_the_predictor(
     assert plans.peak_m < share * follows.peak_m
 
 
-def test_a_plan_that_knows_the_limit_of_the_rate_begins_its_turns_in_time() -> None:
+def test_a_plan_that_knows_the_rate_limit_turns_in_time() -> None:
     """Of a steering of 0.06 rad/s; a rate limit that is not known takes the car off the road."""
     slow = {**ROAD, "plant.path_ahead": {}, "plant.actuator.rate_limit_rad_s": 0.06}
     knows, ignores = (

@@ -17,7 +17,7 @@ from steer_by_wire.runtime.array_types import FloatArray
 
 DESIGN = design_law(controller_preset("highway_mpc"))
 DIFFERENCE = np.eye(STEPS) - np.eye(STEPS, k=-1)
-TOLERANCE_RAD = 0.002
+TOLERANCE_RAD = 0.001
 
 
 def at(speed_m_s: float) -> MpcParams:
@@ -96,7 +96,7 @@ def test_the_first_command_is_that_of_scipy(
     step_rad_max: float,
     side_m_s2: float,
 ) -> None:
-    """Within 2 mrad: the iterations are few, and the next period begins again."""
+    """Within 1 mrad: the iterations are few, and the next period begins again."""
     turn_rad = side_m_s2 / speed_m_s**2 * (2.75 + 0.00265 * speed_m_s**2)
     p = at(speed_m_s).horizon._replace(step_rad_max=step_rad_max, side_rad_max=turn_rad)
     z = unknowns(error_m, heading_rad, curvature_1_m)

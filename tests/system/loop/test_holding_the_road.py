@@ -36,9 +36,8 @@ def plant_of(road: str, latency_s: float) -> dict[str, Any]:
         ("highway_predictor", "μ 0.3, 60 km/h", 0.2),
     ],
 )
-def test_another_car_is_as_far_off_within_a_tenth_and_a_centimetre(
-    preset: str, road: str, latency_s: float
-) -> None:
+def test_a_car_written_apart_is_as_far_off(preset: str, road: str, latency_s: float) -> None:
+    """Within a tenth and a centimetre."""
     plant = plant_of(road, latency_s)
     speed_m_s, path = plant["plant.vehicle"]["speed_m_s"], plant["plant.path"]
     friction = plant["plant.car"]["friction"]
@@ -55,7 +54,7 @@ def test_another_car_is_as_far_off_within_a_tenth_and_a_centimetre(
     assert run.peak_m == pytest.approx(other_m, rel=0.1, abs=0.01)
 
 
-def test_a_bend_beyond_the_grip_is_held_by_asking_to_slow_down_in_time() -> None:
+def test_a_bend_beyond_the_grip_is_held_by_slowing_down() -> None:
     """A lane change at 1.3 of the grip, known 3 s ahead: at its speed the car leaves the path."""
     plant = plant_of("μ 0.3, 100 km/h", 0.2)
     plant["plant.path"] = {**plant["plant.path"], "length_m": 75.0}
