@@ -4,9 +4,6 @@ import math
 import re
 from pathlib import Path
 
-import numpy as np
-from scipy.stats import binom
-
 from steer_by_wire.closed_loop.studies.result_reader import read_rows, read_study
 from tests.support.suite.combinations import sampled
 from tests.tools.study.test_study_report import computed
@@ -30,11 +27,11 @@ def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None
     for line in PAGE.read_text(encoding="utf-8").splitlines():
         if re.fullmatch(r"\*\*.*\*\*", line):
             network = line.strip("*")
-        if line.count("|") == 6 and " to " in line:
+        if line.count("|") == 4 and ".0" in line:
             law, *cells = (cell.strip() for cell in line.strip("|").split("|"))
-            for mean_s, peaks_m, beyond in zip(ON_PAGE_S, cells[::2], cells[1::2], strict=True):
+            for mean_s, peaks_m in zip(ON_PAGE_S, cells, strict=True):
                 if mean_s in MEANS_S:
-                    lines.append([network, mean_s, law, *peaks_m.split(", "), beyond])
+                    lines.append([network, mean_s, law, *peaks_m.split(", ")])
     assert len(lines) == 2 * len(MEANS_S) * 4
     for network, mean_s, law, *figures in lines:
         at = (
@@ -45,14 +42,10 @@ def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None
         peak_m = rows.peak_m[at]
         assert len(peak_m) == SEEDS
         median_m, _, worst_m = (
-            math.inf if figure == "lost" else float(figure) for figure in figures[:3]
+            math.inf if figure == "lost" else float(figure) for figure in figures
         )
         half_digit = 0.00501
         assert peak_m.max() <= worst_m + half_digit, (network, mean_s, law)
         if median_m < math.inf:  # all on one side with a probability of 1e-3
             assert peak_m.min() <= median_m + half_digit
             assert peak_m.max() >= median_m - half_digit
-        share = float(figures[-1].split()[0])
-        count = np.count_nonzero(peak_m > 0.5)
-        assert binom.cdf(count, SEEDS, 0.01 * share + 5e-4) > 1e-6
-        assert binom.sf(count - 1, SEEDS, 0.01 * share + 5e-4) > 1e-6
