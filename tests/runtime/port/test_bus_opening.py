@@ -4,6 +4,7 @@ import argparse
 import itertools
 import json
 import random
+import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -160,10 +161,14 @@ def test_a_port_reports_a_failed_bus_in_one_line() -> None:
 
 
 class SilentBus(can.BusABC):
-    """A bus on which no message comes; ``waits`` are the timeouts that it was given."""
+    """A bus on which no message comes; ``waits`` are the timeouts that it was given.
 
-    def __init__(self) -> None:
+    ``share``  of a timeout that it waits; 0 as an interface that has lost its connection
+    """
+
+    def __init__(self, share: float) -> None:
         super().__init__(None)
+        self._share = share
         self.waits: list[float] = []
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -171,6 +176,7 @@ class SilentBus(can.BusABC):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         self.waits.append(timeout or 0.0)
+        time.sleep(self._share * self.waits[-1])
         return None, False
 
 
@@ -181,7 +187,7 @@ def test_a_wall_clock_that_is_set_changes_no_wait(
     wall_s = itertools.count(1.8e9, step_s)
     monkeypatch.setattr("can.bus.time", lambda: next(wall_s))
     monkeypatch.setattr("time.time", lambda: next(wall_s))
-    bus = SilentBus()
+    bus = SilentBus(0.6)
     assert BusPort(bus).recv(0.002) is None
     assert max(bus.waits) == 0.002
     bus.shutdown()
@@ -212,7 +218,7 @@ def test_mistakes_in_pythons_can_configuration_are_one_line(
 
 
 def test_an_interface_that_no_longer_waits_has_ended() -> None:
-    bus = SilentBus()  # socketcand returns at once, without a frame, after its daemon's end
+    bus = SilentBus(0.0)  # socketcand returns at once, without a frame, after its daemon's end
     with pytest.raises(BusError, match="cannot receive: the interface's connection has ended"):
         BusPort(bus).recv(PATIENCE_S)
     bus.shutdown()
