@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.signal import fftconvolve
 
 from ...runtime.array_types import FloatArray
 from .parameters import Problem
@@ -225,11 +226,11 @@ def _described(judge: Judge, x: FloatArray, is_whole: bool) -> Fit:
     inverse = np.linalg.pinv(information * np.outer(scale, scale), 1e-12) * np.outer(scale, scale)
     scores = _scores(judge.samples, free * residuals[:rows, None])
     lags = _lags(errors, len(scores))
-    robust = inverse @ (_long_run(scores, lags) + prior) @ inverse
+    robust = inverse @ (long_run_sums(scores, lags) + prior) @ inverse
     # A model's error is no stationary noise: coloured errors are taken to last as long as a
     # manoeuvre, too. Never less than white errors would give: that would be chance.
     lasting = len(scores) // _MANOEUVRES if lags else 0
-    longer = inverse @ (_long_run(scores, lasting) + prior) @ inverse
+    longer = inverse @ (long_run_sums(scores, lasting) + prior) @ inverse
     wanted = np.maximum(np.diagonal(inverse), np.diagonal(longer))
     floor = np.sqrt(np.maximum(1.0, wanted / np.maximum(np.diagonal(robust), 1e-300)))
     robust *= np.outer(floor, floor)
@@ -289,12 +290,11 @@ def is_white(errors: FloatArray) -> bool:
     return bool(samples_alike(errors) < 1.0 + _CHANCE * np.sqrt(2.0 * _STRETCHES[-1] / len(errors)))
 
 
-def _long_run(scores: FloatArray, lags: int) -> FloatArray:
-    summed: FloatArray = scores.T @ scores
-    for lag in range(1, lags + 1):
-        product = scores[lag:].T @ scores[:-lag]
-        summed += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    return summed
+def long_run_sums(scores: FloatArray, lags: int) -> FloatArray:
+    """Return the scores' sums of products up to so many periods apart, by Bartlett's weights."""
+    weights = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0)
+    summed: FloatArray = scores.T @ fftconvolve(scores, weights[:, np.newaxis], "same", axes=0)
+    return 0.5 * (summed + summed.T)
 
 
 def yaw_rate_residual_percent(found: Fit, samples: Sequence[Samples]) -> float:

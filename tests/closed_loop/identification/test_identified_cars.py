@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lsim
 
 from steer_by_wire.closed_loop.identification.figures import Verdict, figure_values
+from steer_by_wire.closed_loop.identification.fit import long_run_sums
 from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
 from steer_by_wire.closed_loop.identification.vehicle_file import read_vehicle, vehicle_toml
@@ -39,6 +40,16 @@ def test_no_figure_of_a_drawn_car_is_far_from_the_truth() -> None:
         beyond = one.high - one.low
         assert one.low - beyond <= truth[one.name] <= one.high + beyond, one.name
         assert one.verdict is Verdict.IDENTIFIED
+
+
+@pytest.mark.parametrize("lags", [0, 3, 499])
+def test_scores_are_summed_over_lags_by_bartletts_weights(lags: int) -> None:
+    scores = np.cumsum(np.random.default_rng(1).standard_normal((500, 3)), axis=0)
+    wanted = scores.T @ scores
+    for lag in range(1, lags + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        wanted += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    np.testing.assert_allclose(long_run_sums(scores, lags), wanted, rtol=1e-12)
 
 
 def test_a_late_sensor_is_found_within_two_milliseconds() -> None:
