@@ -109,7 +109,8 @@ def picture_of(settings: FaultTimeSettings, times: Times) -> Figure:
                     ]
                     ax.plot(*zip(*points, strict=True), label=fault, marker=".", **line)
                 ax.set_title(f"{fallback}\n{road}", fontsize="small")
-        axes[0, 0].set_ylabel("longest time of the fault [s]")
+        most = f"{settings.time_s_max:g}: or longer"
+        axes[0, 0].set_ylabel(f"longest time of the fault [s]\n({most})")
         axes[-1, 0].set_xlabel("speed [km/h]")
         axes[0, -1].legend(fontsize="x-small")
     return figure
