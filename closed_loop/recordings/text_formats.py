@@ -16,8 +16,9 @@ from ...runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S, NS_PER_US
 from .log_state import LogError, Logged, NoFrameError, logged
 
-_OTHER_BUSES = ("a429", "afdx", "eth", "fr", "j1708", "j1939", "l", "most", "mst", "wlan")
+_OTHER_BUSES = ("a429", "afdx", "eth", "j1708", "j1939", "l", "most", "mst", "wlan")
 """Beginnings of events that name a bus, or a protocol above CAN, and a direction."""
+_FLEXRAY = "fr"
 _HEXADECIMAL = re.compile(r"[0-9A-Fa-f]+", re.ASCII)
 
 
@@ -120,7 +121,8 @@ class AscReader:
 def _of_can(event: str, words: Sequence[str]) -> bool:
     """Whether an event, which is none of CAN's in its name, has a frame of CAN behind it."""
     is_frame = any(word.casefold() in {"rx", "tx", "txrq"} for word in words)
-    return is_frame and not event.casefold().startswith(_OTHER_BUSES)
+    event = event.casefold()
+    return is_frame and event != _FLEXRAY and not event.startswith(_OTHER_BUSES)
 
 
 def _sent(direction: str, frame: Frame) -> Frame | None:

@@ -152,9 +152,9 @@ class Logs:
         lines = [line for line in file.read_bytes().splitlines() if line.strip()]
         return next(n for n, line in enumerate(lines) if b" Rx " in line or b" Tx " in line)
 
-    def draw(self, rng: Random) -> tuple[Path, str, int]:
-        """Write a damaged log; returns it, its damage, and how many records it has."""
-        suffix = rng.choice([*self._texts, ".blf"])
+    def draw(self, rng: Random) -> tuple[Path, str, range]:
+        """Write a damaged log; returns it, its damage, and how many records it may have."""
+        suffix, requests = rng.choice([*self._texts, ".blf"]), 0
         records = list(self._blf[1] if suffix == ".blf" else self._texts[suffix][1])
         first = rng.randrange(len(records) // 2)
         records = records[first : first + rng.randint(40, 800)]
@@ -164,27 +164,27 @@ class Logs:
         file = self._folder / f"drawn{suffix}"
         if suffix == ".blf":
             file.write_bytes(self._blf[0] + in_containers(rng, records))
-            # Damage may make a frame that was on the bus a request to send one.
-            records = [one for one in records if len(one) < 36 or one[34] & 0xF != blf_log.REQUEST]
+            # Damage may make a frame a request to send one, if all else in it is intact.
+            requests = sum(len(one) >= 36 and one[34] & 0xF == blf_log.REQUEST for one in records)
         else:
             head, _, end = self._texts[suffix]
             line_end = rng.choice((b"\n", b"\r\n"))
             file.write_bytes(head + b"".join(record + line_end for record in records) + end)
         names = "+".join(sorted(damage.__name__ for damage in chosen))
-        return file, f"{suffix} {names}", len(records)
+        return file, f"{suffix} {names}", range(len(records) - requests, len(records) + 1)
 
 
-def mistake_in(file: Path, written: int) -> tuple[str, Counter[str]]:
+def mistake_in(file: Path, written: range) -> tuple[str, Counter[str]]:
     """Analyse a log; returns what is wrong with it, and how much was read and not read."""
     start_s, counts = time.process_time(), Counter[str]()
     try:
         figures: dict[str, Any] = analyse_files([file]).figures
     except LogError as error:
-        return ("" if not written else f"refused: {error}"), counts
+        return ("" if 0 in written else f"refused: {error}"), counts
     except Exception:
         return traceback.format_exc(), counts
-    counts += Counter(read=figures["frames"], not_read=figures["unreadable"], written=written)
-    if figures["frames"] + figures["unreadable"] != written:
+    counts += Counter(read=figures["frames"], not_read=figures["unreadable"], written=written[-1])
+    if figures["frames"] + figures["unreadable"] not in written:
         return f"read {figures['frames']} + not read {figures['unreadable']} of {written}", counts
     took_s = time.process_time() - start_s
     return (f"{took_s:.0f} s" if took_s > CPU_S_MAX else ""), counts
