@@ -45,8 +45,8 @@ OPPOSED, OPPOSED_S = -0.5, 0.5
 """Signals that agree correlate by 1, noise alone by 0, and a wrong sign by -1."""
 SIDE_S = 0.9
 """In place of OPPOSED_S for the side of a limited wheel. Commands that are forged for a second turn
-it too, and so does a dead time in the steering, which no echo shows. At 0.7 s such commands stop a
-controller for good; at 1 s a car at 60 km/h is more than 8 m off before it is stopped."""
+it too, and so does a dead time in the steering, which no echo shows. After 0.7 s such commands stop
+a controller for good; each further tenth lets a car at 60 km/h go two metres further off."""
 
 
 class Bound(NamedTuple):
