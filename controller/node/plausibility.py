@@ -31,7 +31,7 @@ The means of all VEHICLE_STATE since the last judgement are judged with the cont
 """
 
 from collections.abc import Sequence
-from math import copysign, exp, sqrt
+from math import copysign, exp, inf, sqrt
 from typing import NamedTuple
 
 from ...dbc.messages import VehicleState
@@ -50,10 +50,15 @@ a controller for good; each further tenth lets a car at 60 km/h go two metres fu
 
 
 class Bound(NamedTuple):
-    """Floor, in the unit of the residual times seconds, and share of what moved."""
+    """Floor, in the unit of the residual times seconds, and share of what moved.
+
+    ``debounce_s``, ``opposed_s``  after how long a residual beyond it counts, and an opposed one
+    """
 
     floor: float
     share: float
+    debounce_s: float = DEBOUNCE_S
+    opposed_s: float = OPPOSED_S
 
 
 BOUNDS = {
@@ -62,7 +67,7 @@ BOUNDS = {
     "behind": Bound(0.05, 0.15),  # m
     "yaw": Bound(0.1, 0.3),  # rad
     "command": Bound(0.01, 0.08),  # rad s
-    "side": Bound(0.01, 0.08),  # rad s
+    "side": Bound(0.01, 0.08, inf, SIDE_S),  # rad s
 }
 _COMPARES = {
     "heading": {"heading_error_rad", "yaw_rate_rad_s", "speed_m_s", "preview_curvature_1_m"},
@@ -207,30 +212,31 @@ class Plausibility:
         before, self._before = self._before, (lateral_error_m, heading_error_rad)
         if before is None:
             return
-        moved = self._moved(motion, lateral_error_m - before[0], heading_error_rad - before[1])
-        wheel_rad = motion.wheel_rad
-        side_rad = copysign(min(abs(wheel_rad), abs(aim_rad)), aim_rad)
-        moved["side"] = compared(wheel_rad * motion.lasted_s, side_rad * motion.lasted_s)
+        errors = lateral_error_m - before[0], heading_error_rad - before[1]
+        moved = self._moved(motion, *errors, aim_rad)
         for name in self._names:
-            after = memory_step(BOUNDS[name], self._memories[name], moved[name], motion.lasted_s)
+            bound = BOUNDS[name]
+            after = memory_step(bound, self._memories[name], moved[name], motion.lasted_s)
             self._memories[name] = after
             if name == "behind":
                 self._may_steer_behind &= after.beyond_s == 0.0
             elif not (name == "lateral" and self._may_steer_behind):
-                is_opposed = after.opposed_s >= (SIDE_S if name == "side" else OPPOSED_S)
-                is_found = (
-                    after.beyond_s >= DEBOUNCE_S and not self.contradiction and name != "side"
-                )
+                is_opposed = after.opposed_s >= bound.opposed_s
+                is_found = after.beyond_s >= bound.debounce_s and not self.contradiction
                 if is_found or (is_opposed and not self.is_opposed):
                     self.contradiction, self.is_opposed = _IN_WORDS[name], is_opposed
 
-    def _moved(self, motion: Motion, error_m: float, heading_rad: float) -> dict[str, Compared]:
+    def _moved(
+        self, motion: Motion, error_m: float, heading_rad: float, aim_rad: float
+    ) -> dict[str, Compared]:
         """Return how far it moved by each comparison."""
         lasted_s, v, r, turn, along, wheel_rad, command_rad = motion
         turned_rad = r * lasted_s
+        side_rad = copysign(min(abs(wheel_rad), abs(aim_rad)), aim_rad)
         moved = {
             "heading": compared(heading_rad + turn * lasted_s, turned_rad),
             "command": compared(wheel_rad * lasted_s, command_rad * lasted_s),
+            "side": compared(wheel_rad * lasted_s, side_rad * lasted_s),
         }
         if self._vehicle is not None:
             m, _, c_f, c_r, l_f, l_r, l_s, _ = self._vehicle

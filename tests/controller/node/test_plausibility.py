@@ -62,7 +62,8 @@ def test_a_curvature_of_the_wrong_sign_is_found_after_the_debounce_and_not_befor
 
 def test_a_steady_residual_is_found_from_its_floor_and_its_share_on() -> None:
     """At rest it is the difference x over all that moved, which is the sum of both rates."""
-    floor, share = BOUNDS["heading"]
+    bound = BOUNDS["heading"]
+    floor, share = bound.floor, bound.share
     kept = math.exp(-STEP_S)
     memory_s = STEP_S * kept / (1.0 - kept)
     rate_rad_s = SPEED_M_S * 0.1

@@ -87,13 +87,16 @@ def test_a_parked_car_does_not_drift() -> None:
         assert abs(motion.yaw_rate_rad_s) < 1e-16
 
 
+@pytest.mark.parametrize(
+    "steering", ["actuator.lag_s=0.05", "car.rack={play_rad=0.006, friction='lugre'}"]
+)
 def test_half_the_step_moves_the_error_by_less_than_one_percent(
-    monkeypatch: pytest.MonkeyPatch,
+    steering: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In a lane change that takes 0.6 of the grip, open loop."""
 
     def rms_m() -> float:
-        motion, errors_m = car_on("vehicle.speed_m_s=25", "actuator.lag_s=0.05"), []
+        motion, errors_m = car_on("vehicle.speed_m_s=25", steering), []
         for tick in range(400):
             motion.advance(tick * 10 * MS)
             motion.command(0.03 * math.sin(math.tau * tick / 200))

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.plant_emulator.settings import plant_motion_params, plant_preset
-from steer_by_wire.plant_emulator.vehicle.car import car_motion
 from steer_by_wire.plant_emulator.vehicle.car.rack import (
     RACK_AT_REST,
     RackParams,
@@ -172,36 +171,6 @@ def test_a_sensor_that_errs_turns_the_wheels_and_does_not_show() -> None:
     x = settled(params(), FREE._replace(command_rad=0.1, sensor_rad=0.02))
     assert x.wheel_rad == pytest.approx(0.1, abs=1e-4)
     assert x.road_rad == pytest.approx(0.08, abs=1e-4)
-
-
-RACK = (
-    "car.rack={play_rad=0.006, friction='lugre'}",
-    "path={kind='straight'}",
-    "start_on_first_command=false",
-)
-
-
-def car_on(*overrides: str) -> Motion:
-    return Motion(plant_motion_params(plant_preset("bmw_320i", [*RACK, *overrides])))
-
-
-def test_half_the_step_of_a_car_on_a_rack_moves_its_error_little(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Below 1 %, in a lane change that takes 0.6 of the grip, open loop."""
-
-    def rms_m() -> float:
-        motion, errors_m = car_on("vehicle.speed_m_s=25"), []
-        for tick in range(400):
-            motion.advance(tick * 10 * MS)
-            motion.command(0.03 * math.sin(math.tau * tick / 200))
-            errors_m.append(motion.lateral_error_m)
-        return float(np.sqrt(np.mean(np.square(errors_m))))
-
-    whole_m = rms_m()
-    monkeypatch.setattr(car_motion, "STEP_NS", MS // 2)
-    assert rms_m() == pytest.approx(whole_m, rel=0.01)
-    assert rms_m() != whole_m
 
 
 @pytest.mark.parametrize("preset", ["bmw_320i", "paper_nominal"])
