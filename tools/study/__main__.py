@@ -14,24 +14,26 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 from steer_by_wire.runtime.command_line import command_parser, offer, run_main, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
-from steer_by_wire.runtime.settings import preset_names
+from steer_by_wire.runtime.settings import SettingsError, preset_names, read_table
 
 NAME = "steer-by-wire study"
 SHIPPED = "steer_by_wire.closed_loop.studies"
-FAULT_TIME = f"{SHIPPED}.fault_time"
+OWN_KINDS = ("fault_time", "vehicle_tests")
+"""Studies that are no grid of runs: each has a room, and a module in this one."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     example = f"{NAME} latency_jitter --dry-run"
     parser = command_parser(NAME, __doc__, example, "[STUDY] [options]")
-    shipped = [*preset_names(SHIPPED), *preset_names(FAULT_TIME)]
+    shipped = [*preset_names(SHIPPED), *OWN_KINDS]
     study = parser.add_argument(
         "study", type=_study_file, nargs="?", metavar="STUDY",
         help=f"a file, or one of {', '.join(shipped)}",
@@ -70,30 +72,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _study_file(text: str) -> Path:
-    """Return the file of a study, also of that of fault times."""
-    package = FAULT_TIME if text in preset_names(FAULT_TIME) else SHIPPED
-    return settings_file(package)(text)
+    """Return the file of a study."""
+    return settings_file(f"{SHIPPED}.{text}" if text in OWN_KINDS else SHIPPED)(text)
+
+
+def _own_kind(file: Path) -> str | None:
+    """Return the kind of a study by its first table; other mistakes are for its reader to tell."""
+    for kind in OWN_KINDS:
+        with suppress(SettingsError):
+            read_table(file, kind)
+            return kind
+    return None
 
 
 def _run(options: argparse.Namespace) -> int:
     # What computes and draws takes seconds to import, which --help need not wait for.
     if options.list:
         read_study = importlib.import_module(f"{SHIPPED}.study_file").read_study
-        for name in preset_names(SHIPPED):
-            file = settings_file(SHIPPED)(name)
-            print(f"{name:<18} {read_study(file).title}\n{'':<18} {file}")
-        read = importlib.import_module(f"{FAULT_TIME}.settings").read_fault_time
-        for name in preset_names(FAULT_TIME):
-            file = settings_file(FAULT_TIME)(name)
-            print(f"{name:<18} {read(file).title}\n{'':<18} {file}")
+        for name in (*preset_names(SHIPPED), *OWN_KINDS):
+            file = _study_file(name)
+            is_own = name in OWN_KINDS
+            title = read_table(file, name)["title"] if is_own else read_study(file).title
+            print(f"{name:<18} {title}\n{'':<18} {file}")
         return ExitStatus.OK
     if options.report is not None:
         write = importlib.import_module("steer_by_wire.tools.study.report").write
         print(f"report: {write(options.report)}")
         return ExitStatus.OK
-    if importlib.import_module(f"{FAULT_TIME}.settings").is_fault_time(options.study):
-        run = importlib.import_module("steer_by_wire.tools.study.fault_time").run_fault_time
-        return int(run(options))
+    if kind := _own_kind(options.study):
+        own = importlib.import_module(f"steer_by_wire.tools.study.{kind}")
+        return int(getattr(own, f"run_{kind}")(options))
     run_study = importlib.import_module("steer_by_wire.tools.study.program").run_study
     return int(run_study(options))
 

@@ -1,14 +1,13 @@
 """Settings file of the study of fault times: a table `[fault_time]`."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from ....runtime.settings import Settings, SettingsError, load_settings, read_table
+from ....runtime.settings import Settings, load_settings
 
 
 class FaultName(StrEnum):
@@ -113,13 +112,6 @@ def cases_of(settings: FaultTimeSettings) -> Iterator[Case]:
 
 class _File(Settings):
     fault_time: FaultTimeSettings
-
-
-def is_fault_time(file: Path) -> bool:
-    """Return whether a study's file has the table; other mistakes are for its reader to tell."""
-    with suppress(SettingsError):
-        return bool(read_table(file, "fault_time"))
-    return False
 
 
 def read_fault_time(file: Path) -> FaultTimeSettings:
