@@ -24,8 +24,6 @@ _BASE = blf.OBJ_HEADER_BASE_STRUCT
 _TIMES = struct.Struct("<L4xq")
 """Flags and time: before the start, in a recorder with a pre-trigger buffer, it is negative."""
 _PADDING_MAX = 8
-_OBJECTS_LOST_MAX = 64
-"""More bytes than of so many objects are taken for one large one."""
 _TIME_UNIT_NS = {blf.TIME_TEN_MICS: 10_000}
 _ERROR_KINDS = {2, blf.CAN_ERROR_EXT, 104}
 _CLASSIC_KINDS = {blf.CAN_MESSAGE, blf.CAN_MESSAGE2}
@@ -156,15 +154,12 @@ class _Objects:
 
     ``left``  the beginning of one that is not there yet
 
-    What lies between two beginnings and is no object may be several, whose beginnings are damaged:
-    as many as have a header like the newest object's, or as it would fit in between.
+    What lies between two objects and is none counts as one.
     """
 
     def __init__(self, state: LogState, *, is_begun: bool = False) -> None:
         """``is_begun``: the first bytes belong to an object whose beginning was counted."""
-        self._state, self._is_begun, self.left = state, is_begun, b""
-        self._lost, self._headers, self._why = 0, 0, ""
-        self._header, self._size = b"", SIZE_MAX
+        self._state, self._is_begun, self.left, self._why = state, is_begun, b"", ""
 
     def objects_in(self, piece: bytes, *, is_end: bool = False) -> Iterator[tuple[int, bytes]]:
         """Yield type and bytes of each object that is complete with this piece of the file."""
@@ -189,7 +184,6 @@ class _Objects:
                 break
             if inside >= 0 and _BEGIN not in data[end:follows]:
                 end = inside  # of a container that claims more than it has
-            self._header, self._size = data[begin + len(_BEGIN) : begin + _BASE.size], end - begin
             yield kind, data[begin:end]
             place = end
         else:
@@ -219,14 +213,10 @@ class _Objects:
 
     def _lose(self, lost: bytes, why: str) -> None:
         if not self._is_begun:
-            self._lost += len(lost)
-            self._headers += lost.count(self._header) if self._header else 0
             self._why = self._why or why.format(len(lost))
 
     def _count_lost(self) -> None:
         """Count what was lost up to the beginning of the next object."""
-        fit = round(self._lost / self._size)
-        several = max(self._headers, fit if fit <= _OBJECTS_LOST_MAX else 1, 1)
-        for _ in range(several if self._why else 0):
+        if self._why:
             self._state.count_unreadable(self._why)
-        self._lost, self._headers, self._why = 0, 0, ""
+        self._why = ""

@@ -2,7 +2,7 @@
 
 (1436509052.249713) vcan0 044#2A366C2BBA      candump -L and -l, canplayer, python-can's .log
  (1436509052.249713)  vcan0  044   [5]  2A 36 6C 2B BA                candump -ta (-tz, -tA)
- (000.010000)  vcan0  RX - -  044   [5]  2A 36 6C 2B BA               candump -td -x
+ (1436509052.249713)  vcan0  RX - -  044   [5]  2A 36 6C 2B BA        candump -ta -x
   vcan0  044   [5]  2A 36 6C 2B BA                                    candump: no times
   vcan0  044   [5]  BA`2B`6C`36`2A                                    candump -S
   vcan0  044   [1]  00101010                                          candump -i
@@ -10,17 +10,13 @@
 
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from datetime import datetime
-from itertools import pairwise
 
 from ...runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.recording.candump import parse_entry
-from .log_state import CLOCK_STARTED_NS, Logged, TextLines, logged
+from .log_state import Logged, logged
 
-_HEAD_LINES = 200
-"""Lines from which to decide whether candump's times are differences (-td)."""
 _CAN_ERR_FLAG = 0x20000000
 _COLOURS = re.compile("\x1b\\[[0-9;]*m")  # candump -c
 _PLAIN = re.compile(
@@ -36,13 +32,8 @@ _PLAIN = re.compile(
 )
 
 
-def candump_reader(lines: TextLines) -> Callable[[str], Logged | None]:
+def candump_reader() -> Callable[[str], Logged | None]:
     """Return what reads a line: a frame, or None where it says none; ValueError."""
-    head = [line for _, line in zip(range(_HEAD_LINES), lines, strict=False)]
-    plain = (_PLAIN.fullmatch(_COLOURS.sub("", line)) for line in head)
-    stamps = [match[1] for match in plain if match and match[1]]
-    lines.put_back(head)
-    read_time = _distances() if _are_distances(stamps) else _time_ns
     is_error = False
 
     def read(line: str) -> Logged | None:
@@ -51,14 +42,14 @@ def candump_reader(lines: TextLines) -> Callable[[str], Logged | None]:
         if not line.strip() or (is_error and line.startswith("\t")):  # its words: candump -e
             return None
         entry = parse_entry(line)
-        taken = _plain(line, read_time) if entry is None else logged(*entry)
+        taken = _plain(line) if entry is None else logged(*entry)
         is_error = bool(taken.frame.flags & ERROR)
         return taken
 
     return read
 
 
-def _plain(line: str, read_time: Callable[[str], int]) -> Logged:
+def _plain(line: str) -> Logged:
     """Read a line as candump prints it without -L; ValueError if it is no frame."""
     match = _PLAIN.fullmatch(line)
     if match is None:
@@ -76,7 +67,7 @@ def _plain(line: str, read_time: Callable[[str], int]) -> Logged:
     flags |= REMOTE if remote else 0
     if not remote and len(data) != (int(length) if length else min(int(code, 16), 8)):
         raise ValueError
-    return logged(read_time(stamp) if stamp else None, channel, Frame(can_id, data, flags))
+    return logged(_time_ns(stamp) if stamp else None, channel, Frame(can_id, data, flags))
 
 
 def _time_ns(stamp: str) -> int:
@@ -88,28 +79,3 @@ def _time_ns(stamp: str) -> int:
     # A date is local, as candump's.
     whole = int(seconds) if is_count else round(datetime.fromisoformat(seconds).timestamp())
     return whole * NS_PER_S + int(fraction.ljust(9, "0"))
-
-
-def _are_distances(stamps: list[str]) -> bool:
-    """Whether times are those of candump -td, not -tz: as times they would run backwards."""
-    times = []
-    for stamp in stamps:
-        with suppress(ValueError):
-            times.append(_time_ns(stamp))
-    if max(times, default=0) >= CLOCK_STARTED_NS:
-        return False
-    # Differences fall as often as they rise; times hardly ever step back.
-    backwards = sum(after < before for before, after in pairwise(times))
-    return 10 * backwards > len(times)
-
-
-def _distances() -> Callable[[str], int]:
-    """Return a function that reads differences and adds them up."""
-    now_ns = 0
-
-    def read(stamp: str) -> int:
-        nonlocal now_ns
-        now_ns += _time_ns(stamp)
-        return now_ns
-
-    return read

@@ -74,7 +74,7 @@ def open_log(path: Path) -> LogFile:
 def _text_frames(lines: TextLines, read: Callable[[str], Logged | None] | None) -> Iterator[Logged]:
     """Yield the frames of a text; without a reader for it, of what candump has printed."""
     is_trc = isinstance(read, TrcReader)  # its header is in such lines
-    read = read or (BusmasterReader() if lines.begins_with(BEGIN) else candump_reader(lines))
+    read = read or (BusmasterReader() if lines.begins_with(BEGIN) else candump_reader())
     for line in lines:
         if line.lstrip().startswith(_COMMENTS) and not is_trc:
             continue

@@ -50,11 +50,6 @@ class Comparison(NamedTuple):
     reading: str = ""
 
 
-def unpublished(quantity: str, reproduced: str) -> Comparison:
-    """Return a figure of ours of which the paper states nothing."""
-    return Comparison(quantity, "", reproduced, None)
-
-
 def verdict_of(comparisons: Sequence[Comparison], *, is_corrected: bool) -> Verdict:
     """Return the verdict that follows from the comparisons that decide.
 

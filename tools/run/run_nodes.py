@@ -1,11 +1,11 @@
 """A run of both nodes in virtual time, within the process."""
 
-import importlib
 import time
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from math import ceil
 from pathlib import Path
-from typing import Any
 
 from ...closed_loop.lockstep.node import LockstepNode, controller_in, controller_node
 from ...closed_loop.pair.virtual_bus import SharedBus, virtual_bus
@@ -15,7 +15,6 @@ from ...closed_loop.pair.virtual_pair import (
     run_virtual_nodes,
     waits_in_vain,
 )
-from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...hand_wheel.node import HandWheelNode
@@ -25,7 +24,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.exit_status import BusError
-from ...runtime.node import NEVER_NS, ReportingNode
+from ...runtime.node import NEVER_NS
 from ...runtime.program.run_node import FINISHED
 from ...runtime.program.stop_request import StopRequest
 from .result import Run
@@ -59,12 +58,10 @@ def run_in_virtual_time(
     with stop.on_signals(), controller_node(controller) as node:
         try:
             edges = edge, controller_in(language, node)
-            shown = (plant, node) if isinstance(node, ControllerNode) else (plant,)
-            with _progress(shown, plant_settings.duration_s) as progress:
+            with _progress(plant_settings.duration_s) as on_second:
 
                 def should_stop() -> bool:
-                    if progress is not None:
-                        progress.step()
+                    on_second()
                     return stop() or is_in_vain()
 
                 run_virtual_nodes(*edges, bus, candump_log, should_stop, others=others)
@@ -81,11 +78,15 @@ def run_in_virtual_time(
     return Run(plant, node, edges, where, elapsed_s, ended_by, shared, wheel)
 
 
-def _progress(nodes: tuple[ReportingNode, ...], duration_s: float) -> AbstractContextManager[Any]:
-    """Return what shows the progress; where rich is not installed, nothing does."""
+@contextmanager
+def _progress(duration_s: float) -> Iterator[Callable[[], None]]:
+    """Show a bar of the seconds, which are reported one by one; without rich there is none."""
     try:
-        shown = importlib.import_module("steer_by_wire.tools.run.progress")
+        from rich.console import Console
+
+        from ...closed_loop.reports.terminal import counting_bars
     except ImportError:
-        return nullcontext()
-    progress: AbstractContextManager[Any] = shown.RunProgress(nodes, duration_s)
-    return progress
+        yield lambda: None
+        return
+    with counting_bars(Console(stderr=True)) as bars:
+        yield partial(bars.advance, bars.add_task("", total=ceil(duration_s)))

@@ -118,12 +118,12 @@ PRINTED_BY_CANDUMP = {
  (2026-11-21 07:52:37.948353)  vcan0       123  [03]  AA BB CC
  (2026-11-21 07:52:37.971020)  vcan0       125   [0]|
 """,
-    "-td -x -a": """\
- (000.000000)  vcan0  TX - -  320   [7]  23 20 03 2C 01 64 00      '# .,.d.'
- (000.011188)  vcan0  TX - -  00000123   [2]  AA BB                     '..'
- (000.010480)  vcan0  TX - -       123   [0]  remote request
- (000.012160)  vcan0  TX B -       123  [03]  AA BB CC                  '...'
- (000.011108)  vcan0  TX - -       125   [0]                            ''
+    "-ta -x -a": """\
+ (1795247554.828802)  vcan0  TX - -  320   [7]  23 20 03 2C 01 64 00      '# .,.d.'
+ (1795247554.889178)  vcan0  TX - -  00000123   [2]  AA BB                     '..'
+ (1795247554.900574)  vcan0  TX - -       123   [0]  remote request
+ (1795247554.912509)  vcan0  TX B -       123  [03]  AA BB CC                  '...'
+ (1795247554.935603)  vcan0  TX - -       125   [0]                            ''
 """,
     "-L -x": """\
 (1795247562.865360) vcan0 320#2320032C016400 T
@@ -154,8 +154,6 @@ def test_lines_of_a_real_candump_are_read(tmp_path: Path, way: str) -> None:
     assert {one.channel for one in logged} == {"vcan0"}
     if way == "-ta":
         assert logged[0].time_ns == 1_795_247_554_828_802_000
-    if way == "-td -x -a":
-        assert [one.time_ns for one in logged] == [0, 11188000, 21668000, 33828000, 44936000]
     if way == "-tA":
         times = [one.time_ns for one in logged if one.time_ns is not None]
         assert times[-1] - times[0] == 107_982_000

@@ -31,7 +31,6 @@ def check_form(reproduction: Reproduction, key: str) -> None:
             assert axes.get_ylabel()
             assert all(np.all(np.isfinite(line.get_xydata())) for line in axes.lines)
         assert picture.figure.axes[-1].get_xlabel()
-    assert reproduction.comparisons
     assert reproduction.why
 
 
@@ -43,10 +42,9 @@ def test_figure_9_meets_its_condition_at_every_vertex() -> None:
     *inverse_db, q_db = (line.get_ydata() for line in axes.lines)
     assert len(inverse_db) == len(CORNERS)
     assert all(np.all(q_db < one_db) for one_db in inverse_db)
-    published, *others = reproduction.comparisons
+    (published,) = reproduction.comparisons
     assert published.agrees is True
     assert published.reproduced == "a 4.4, b 4.4, c 13.4, d 13.8 dB"
-    assert all(comparison.agrees is None for comparison in others)
 
 
 def test_without_observer_the_vehicle_spreads_as_the_square_of_the_speed_at_rest() -> None:
@@ -60,7 +58,7 @@ def test_figures_10_and_11_agree_with_what_the_text_says_of_them() -> None:
         tenth, eleventh = figure_10(), figure_11()
     check_form(tenth, "figure_10")
     check_form(eleventh, "figure_11")
-    assert {comparison.agrees for comparison in eleventh.comparisons} == {True, None}
+    assert [comparison.agrees for comparison in eleventh.comparisons] == [True, True]
     for figure in (tenth, eleventh):
         closed_loop, _ = figure.pictures[0].figure.axes
         assert abs(closed_loop.lines[0].get_ydata()[0]) < 0.01  # |y/r| is 1 where ω is small

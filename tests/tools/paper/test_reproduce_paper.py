@@ -10,12 +10,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from steer_by_wire.tools.paper import __main__ as reproduce_paper
-from steer_by_wire.tools.paper.__main__ import (
-    ENTRIES,
-    Entry,
-    entry_of,
-    numbers_of,
-)
+from steer_by_wire.tools.paper.__main__ import MODULES, numbers_of
 from steer_by_wire.tools.paper.index_page import index_page
 from steer_by_wire.tools.paper.result import (
     Comparison,
@@ -82,8 +77,7 @@ def test_the_page_of_a_run_is_self_contained_and_well_formed(out: Path) -> None:
 
 
 def test_the_page_says_every_verdict_and_every_comparison() -> None:
-    keys = [entry.key for entry in ENTRIES]
-    items = [written(key, verdict) for key, verdict in zip(keys, Verdict, strict=False)]
+    items = [written(key, verdict) for key, verdict in zip(MODULES, Verdict, strict=False)]
     root = parsed(page_of(*items))
     for item in items:
         section = root.find(f".//section[@id='{item.key}']")
@@ -112,11 +106,8 @@ def test_whatever_a_figure_says_is_escaped() -> None:
 
 @pytest.mark.usefixtures("same_process", "unrendered")
 def test_a_figure_that_fails_does_not_keep_the_others_from_being_written(tmp_path: Path) -> None:
-    broken = Entry("figure_99", "figure", "99", "no_module", "figure_99")
     with pytest.raises(KeyError, match="figure_99"):
-        reproduce_paper.reproduce_all(
-            (broken, entry_of("figure_08")), tmp_path, Console(quiet=True)
-        )
+        reproduce_paper.reproduce_all(("figure_99", "figure_08"), tmp_path, Console(quiet=True))
     assert "figure_08" in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
@@ -159,10 +150,7 @@ def test_a_folder_that_cannot_be_made_is_named(
     assert f"{tmp_path / 'file'} is a file: give the name of a folder" in capsys.readouterr().err
 
 
-def test_without_a_choice_everything_is_computed() -> None:
-    assert reproduce_paper.selected([], []) == ENTRIES
-
-
-def test_a_number_selects_all_that_belongs_to_it_in_the_paper_s_order() -> None:
-    entries = reproduce_paper.selected(["21", "8"], ["2"])
-    assert [entry.key for entry in entries] == ["figure_08", "table_2", "figure_21"]
+def test_numbers_select_in_the_paper_s_order_and_none_select_all() -> None:
+    keys = reproduce_paper.selected(["21", "8"], ["2"])
+    assert keys == ("figure_08", "table_2", "figure_21")
+    assert reproduce_paper.selected([], []) == tuple(MODULES)

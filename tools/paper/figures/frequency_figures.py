@@ -19,7 +19,7 @@ from ....controller.filters.nominal_model import paper_eq19
 from ....controller.laws.law_from_settings import required
 from ....runtime.array_types import FloatArray
 from ..corners import corner_labels, corner_plants, published_law
-from ..result import Comparison, Picture, Reproduction, Verdict, unpublished
+from ..result import Comparison, Picture, Reproduction, Verdict
 from ..small_gain import on_axis
 
 CUTOFF_RAD_S = 5.0
@@ -44,11 +44,6 @@ class CornerResponses(NamedTuple):
         """Return the spread at one ω."""
         return float(np.interp(omega_rad_s, self.omega_rad_s, self.spread))
 
-    def largest_spread(self, omega_rad_s_max: float) -> tuple[float, float]:
-        """Return the largest spread up to some ω, and the ω where it is [rad/s]."""
-        index = int(np.argmax(np.where(self.omega_rad_s <= omega_rad_s_max, self.spread, 0.0)))
-        return float(self.spread[index]), float(self.omega_rad_s[index])
-
 
 class Spreads(NamedTuple):
     """Responses of the closed loop and of the system inside it."""
@@ -66,7 +61,7 @@ def figure_10() -> Reproduction:
         caption="PD with K_p = 1.0596, K_d = 0.939 and ideal derivative; (4) with C_r = 500,000"
         " N/rad and l_s = 2 m. Below: the vehicle itself, |y/u|.",
         pictures=(_response_picture("figure_10", spreads, "y/u"),),
-        comparisons=_spread_comparisons(spreads, "y/u"),
+        comparisons=(),
         verdict=Verdict.WITH_CORRECTION,
         why="The curves spread as the text says, with C_r and l_s corrected. But in |y/r| as"
         " plotted the spread vanishes towards ω = 0, where two integrators hold y/r at 1 whatever"
@@ -87,7 +82,6 @@ def figure_11() -> Reproduction:
         " the regulated vehicle, |y/u_new| of (12).",
         pictures=(_response_picture("figure_11", both[1], "y/u_new"),),
         comparisons=(
-            *_spread_comparisons(both[1], "y/u_new"),
             _smaller(f"spread of |y/r| at {SPREAD_AT_RAD_S} rad/s", *closed, digits=4),
             _smaller(f"spread of |y/u_new| at {SPREAD_AT_RAD_S} rad/s", *plant, digits=3),
         ),
@@ -126,24 +120,6 @@ def _smaller(what: str, without: float, with_dob: float, *, digits: int) -> Comp
         f"{_decibels(without):.{digits}f} and {_decibels(with_dob):.{digits}f} dB",
         with_dob < without,
     )
-
-
-def _spread_comparisons(spreads: Spreads, inner: str) -> tuple[Comparison, ...]:
-    rows = []
-    for name, responses in (("y/r", spreads.closed_loop), (inner, spreads.regulated)):
-        ratio = responses.spread_at(SPREAD_AT_RAD_S)
-        worst, worst_rad_s = responses.largest_spread(CUTOFF_RAD_S)
-        rows += [
-            unpublished(
-                f"|{name}| at {SPREAD_AT_RAD_S} rad/s, largest over smallest vertex",
-                f"{ratio:.4f} = {_decibels(ratio):.4f} dB",
-            ),
-            unpublished(
-                f"|{name}|, largest spread up to {CUTOFF_RAD_S:g} rad/s",
-                f"{_decibels(worst):.2f} dB at {worst_rad_s:.3g} rad/s",
-            ),
-        ]
-    return tuple(rows)
 
 
 def _response_picture(name: str, spreads: Spreads, inner: str) -> Picture:
