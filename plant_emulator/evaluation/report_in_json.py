@@ -17,7 +17,7 @@ def motion_report(
     """Return how well the path was held.
 
     ``*rms_m``, ``peak_m``, ``final_m``  of the car's deviation; None if a log has none
-    ``lateral_error_*``   of the signal of this name, hence of the preview point
+    ``lateral_error_final_m``  of the judged point: what the verdict takes for the lateral error
     ``settling_s``        from when on the judged point stays in its band; None if it ends outside
     ``verdict``           on the run so far, of its ``judged_point``, by ``judged_peak_m``,
                           ``settled_peak_m`` (from ``settled_s`` on) and ``windows``
@@ -42,9 +42,7 @@ def motion_report(
         "final_m": figures.final_m if is_cg_known else None,
         "preview_rms_m": figures.preview_rms_m,
         "preview_peak_m": figures.preview_peak_m,
-        "lateral_error_rms_m": figures.preview_rms_m,
-        "lateral_error_peak_m": figures.preview_peak_m,
-        "lateral_error_final_m": figures.preview_final_m,
+        "lateral_error_final_m": figures.judged_final_m,
         "wheel_angle_peak_rad": figures.wheel_angle_peak_rad,
         "settling_s": figures.settled_at * period_s if figures.settled_at < samples else None,
         **judged.report(),

@@ -81,7 +81,7 @@ class RunningFigures:
         self.beyond_lane_m = math.nan
         self.samples = 0
         self.preview_peak_m = 0.0
-        self.final_m = self.preview_final_m = 0.0
+        self.final_m = self.judged_final_m = 0.0
         self.peak_m = 0.0
         self.wheel_angle_peak_rad = 0.0
         self.settled_at = 0
@@ -124,7 +124,7 @@ class RunningFigures:
         self.preview_peak_m = max(self.preview_peak_m, *map(abs, errors_m))
         self.peak_m = max(self.peak_m, *map(abs, cgs_m))
         self.wheel_angle_peak_rad = max(self.wheel_angle_peak_rad, *map(abs, wheels_rad))
-        self.final_m, self.preview_final_m = cgs_m[-1], errors_m[-1]
+        self.final_m, self.judged_final_m = cgs_m[-1], judged_m[-1]
 
     @property
     def peaks_m(self) -> Peaks:

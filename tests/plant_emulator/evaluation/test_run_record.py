@@ -72,7 +72,7 @@ def test_figures_by_hand() -> None:
     assert figures.samples == 3
     assert figures.preview_rms_m == pytest.approx(5.0)
     assert figures.preview_peak_m == 7.0
-    assert figures.final_m == 10.0
+    assert (figures.final_m, figures.judged_final_m) == (10.0, -6.0)
     assert figures.rms_m == pytest.approx(10.0)
     assert figures.peak_m == 14.0
     assert figures.wheel_angle_peak_rad == 0.3
