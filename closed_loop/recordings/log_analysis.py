@@ -22,6 +22,8 @@ from .log_state import LogError, TimeAxis
 
 BACKWARDS_SHARE_MAX = 0.01
 """Of frames whose time runs backwards; a recorder of several channels may swap neighbours."""
+AT_REST_SHARE_MAX = 0.9
+"""Of frames at one time; plant and controller send fewer than ten in an instant."""
 SET_BACK_MAX = 3
 """How often a clock may be set back; after that it is the order that is wrong."""
 _FROM_PLANT = (
@@ -156,13 +158,17 @@ class LogAnalysis:
         """
         self.latencies.close_block()
         axis = self._axis
+        is_coarse = axis.at_rest > AT_REST_SHARE_MAX * max(self._frames, 20)
+        if is_coarse:
+            self.latencies, self.cycles = Latencies(), defaultdict[str, Durations](Durations)
         self._leave_mode(axis.duration_ns or 0)
         obstacle = self._obstacle(not_read)
         held_path = self._held_path_figures()
         return {
             "frames": self._frames,
             "not_judged": obstacle,
-            "has_times": axis.duration_ns is not None,
+            "has_times": axis.duration_ns is not None and not is_coarse,
+            "times_too_coarse": is_coarse,
             "start": axis.start_date,
             "duration_s": None if axis.duration_ns is None else axis.duration_ns / NS_PER_S,
             "times_backwards": axis.backwards,

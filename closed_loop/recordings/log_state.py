@@ -149,13 +149,14 @@ class TimeAxis:
     ``clock_set``  how often it was set forward, by more than a day
     ``set_back``   how often it was set back
     ``backwards``  other frames so far whose time is before that of an earlier one
+    ``at_rest``    frames at the newest time so far, which are few if the clock is fine enough
     """
 
     def __init__(self) -> None:
         self._start_ns: int | None = None
         self._end_ns = 0
         self._aside_ns: int | None = None  # of the frame before, if it lies far back
-        self.backwards = self.clock_set = self.set_back = 0
+        self.backwards = self.clock_set = self.set_back = self.at_rest = 0
 
     def since_start_ns(self, time_ns: int | None) -> int | None:
         """Return the time of the next frame since the start [ns]; None for one without time."""
@@ -173,6 +174,7 @@ class TimeAxis:
             self.set_back += 1
             self._start_ns += aside_ns - self._end_ns
             self._end_ns = time_ns
+        self.at_rest += time_ns == self._end_ns
         if time_ns < self._end_ns:
             self.backwards += 1
         if time_ns - self._end_ns > CLOCK_SET_NS:

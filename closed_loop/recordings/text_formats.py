@@ -75,7 +75,7 @@ class AscReader:
         """Read identifier, direction, kind, length and payload."""
         if words[0].casefold() == "errorframe":
             return Frame(0, b"", ERROR)
-        if words[0].startswith(("Statistic:", "OverloadFrame")):
+        if words[0].startswith(("Statistic:", "OverloadFrame", "J1939TP")):
             return None
         identifier, direction, kind, *rest = words
         can_id, flags = self._identifier(identifier)
@@ -97,9 +97,9 @@ class AscReader:
         length = _number(size, 10)
         kind = _number(data[length + 2]) if len(data) > length + 2 else 0x1000
         can_id, flags = self._identifier(identifier)
-        flags |= FD if kind & 0x1000 else 0
+        flags |= FD if kind & 0x1000 or length > 8 else 0
         flags |= BITRATE_SWITCH if switch == "1" else 0
-        if kind & 0x10 or (not length and code != "0"):
+        if not length and (kind & 0x10 or code != "0"):
             return _sent(direction, Frame(can_id, b"", flags | REMOTE))
         return _sent(direction, Frame(can_id, self._data(data, length), flags))
 
@@ -202,10 +202,13 @@ class CsvReader:
 
     def __init__(self) -> None:
         self._names: list[str] = []
+        self._separator = ","
 
     def __call__(self, line: str) -> Logged | None:
         """Read a line."""
-        words = [word.strip().strip('"') for word in line.split(",")]
+        if not self._names and "," not in line and ";" in line:  # of a spreadsheet's language
+            self._separator = ";"
+        words = [word.strip().strip('"') for word in line.split(self._separator)]
         if not self._names and line.strip():
             self._names = [name.casefold() for name in words]
             if not any({*names} <= {*self._names} for names in (_PYTHON_CAN, _SAVVYCAN)):

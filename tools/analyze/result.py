@@ -48,6 +48,8 @@ def print_results(results: Sequence[Result]) -> None:
         figures = result.figures
         if backwards := figures["times_backwards"]:
             print(f"time runs backwards at {backwards} of {figures['frames']} frames")
+        if figures["times_too_coarse"]:
+            print("times are too coarse, or stand still: latencies and cycle times are unknown")
         if figures["clock_set"]:
             print(f"the clock was set {figures['clock_set']} times: that time is left out")
         if figures["unreadable"]:

@@ -81,6 +81,11 @@ LINES: dict[str, tuple[str, str, Callable[[int], str]]] = {
         "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n",
         lambda n: f"{n * 10000},{0x100 + n:08X},false,Rx,0,8,{payload(n, ',')},",
     ),
+    "savvycan.csv, saved by a spreadsheet": (
+        ".csv",
+        "Time Stamp;ID;Extended;Dir;Bus;LEN;D1;D2;D3;D4;D5;D6;D7;D8\n",
+        lambda n: f"{n * 10000};{0x100 + n:08X};false;Rx;0;8;{payload(n, ';')}",
+    ),
     "candump -ta": (
         ".txt",
         "",
@@ -153,6 +158,7 @@ def test_an_asc_with_relative_or_negative_times_requests_and_other_events(tmp_pa
     relative = ASC.format(kind="relative", events=EVENTS) + (
         "Begin Triggerblock Sat\n 0.0 Start of measurement\n0.5 1 100 Rx d 1 AA\n"
         "0.25 CAN 1 Status:chip status error active\n0.25 1 ErrorFrame\n0.5 1 101x Tx r\n"
+        f"0.0 1 J1939TP FEE3p 6 0 0 - Rx d 9 {payload(1)} 01\n"
         "End TriggerBlock\n\n// checked by hand"
     )
     logged, state = read(path, relative)
@@ -186,6 +192,20 @@ def test_of_commands_that_were_not_read_none_is_said_to_be_missing(tmp_path: Pat
     figures = analyse(path)
     assert figures["not_judged"] == "no command was read; 8 lines or objects were not read"
     assert "export it as number" in figures["first_unreadable"]
+
+
+@given(step_ns=st.integers(0, 10**9))
+def test_times_too_coarse_for_the_frames_make_no_latencies(
+    step_ns: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path, frames = tmp_path_factory.mktemp("log") / "coarse.log", 300
+    times = [10**7 * n // max(step_ns, 1) * step_ns for n in range(frames)]
+    sent = "can0 320#2320032C016400\n"
+    path.write_text("".join(f"({t // 10**9}.{t % 10**9:09}) {sent}" for t in times))
+    figures = analyse(path)
+    is_coarse = frames - len({*times}) >= 0.9 * frames
+    assert (figures["times_too_coarse"], figures["has_times"]) == (is_coarse, not is_coarse)
+    assert is_coarse <= (figures["messages"]["PLANT_STATUS"]["cycle"]["samples"] == 0)
 
 
 @given(step_s=st.integers(1, 10**7), place=st.integers(2, 98))
