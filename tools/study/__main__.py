@@ -100,8 +100,8 @@ def _run(options: argparse.Namespace) -> int:
         print(f"report: {write(options.report)}")
         return ExitStatus.OK
     if kind := _own_kind(options.study):
-        own = importlib.import_module(f"steer_by_wire.tools.study.{kind}")
-        return int(getattr(own, f"run_{kind}")(options))
+        run = importlib.import_module("steer_by_wire.tools.study.own_kinds").run_own_kind
+        return int(run(kind, options))
     run_study = importlib.import_module("steer_by_wire.tools.study.program").run_study
     return int(run_study(options))
 

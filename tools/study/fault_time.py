@@ -1,8 +1,5 @@
 """The study of fault times: a table, a file and a picture."""
 
-import argparse
-import csv
-import io
 import math
 from collections.abc import Mapping
 from functools import partial
@@ -10,8 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ...closed_loop.reports.plot_style import LINES, plot_style, png_of
-from ...closed_loop.reports.terminal import plain_console
+from ...closed_loop.reports.plot_style import LINES, plot_style
 from ...closed_loop.studies.fault_time.longest_time import longest_time_s
 from ...closed_loop.studies.fault_time.settings import (
     Case,
@@ -20,37 +16,23 @@ from ...closed_loop.studies.fault_time.settings import (
     cases_of,
     read_fault_time,
 )
-from ...runtime.exit_status import ExitStatus
-from ...runtime.output_file import write_file, write_text
-from ...runtime.settings import SettingsError
+from .own_kinds import Results
 
 Times = Mapping[Case, float]
 
 
-def run_fault_time(options: argparse.Namespace) -> int:
-    """Compute the times, print their table, and write fault_time.csv and .png."""
-    if options.replay is not None or options.scheduler:
-        raise SettingsError(f"{options.study}: fault times have neither --replay nor --scheduler")
-    settings = read_fault_time(options.study)
-    cases = list(cases_of(settings))
-    print_line = plain_console().print
-    print_line(f"study: fault_time: {settings.title}")
-    print_line(f"cases: {len(cases)}")
-    if options.dry_run:
-        return ExitStatus.OK
-    times = {case: longest_time_s(settings, case) for case in cases}
-    for line in lines_of(settings, times):
-        print_line(line)
-    folder = options.out or Path("out/study/fault_time")
-    folder.mkdir(parents=True, exist_ok=True)
-    rows = io.StringIO(newline="")
-    writer = csv.writer(rows, lineterminator="\n")
-    writer.writerow((*Case._fields, "longest_time_s"))
-    writer.writerows((*case, time_s) for case, time_s in times.items())
-    write_text(folder / "fault_time.csv", rows.getvalue())
-    write_file(folder / "fault_time.png", png_of(picture_of(settings, times)))
-    print_line(f"results: {folder / 'fault_time.csv'}, {folder / 'fault_time.png'}")
-    return ExitStatus.OK
+def read(file: Path) -> tuple[FaultTimeSettings, str]:
+    """Return the settings, and the size of the study; raises SettingsError."""
+    settings = read_fault_time(file)
+    return settings, f"cases: {sum(1 for _ in cases_of(settings))}"
+
+
+def results_of(settings: FaultTimeSettings) -> Results:
+    """Compute the times."""
+    times = {case: longest_time_s(settings, case) for case in cases_of(settings)}
+    rows = [(*case, time_s) for case, time_s in times.items()]
+    head = (*Case._fields, "longest_time_s")
+    return Results(lines_of(settings, times), [head, *rows], picture_of(settings, times))
 
 
 def _text(settings: FaultTimeSettings, time_s: float) -> str:

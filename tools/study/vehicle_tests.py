@@ -1,8 +1,5 @@
 """The standard tests of cars without a driver: a table, a file and a picture."""
 
-import argparse
-import csv
-import io
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...closed_loop.reports.plot_style import LINES, plot_style, png_of
-from ...closed_loop.reports.terminal import plain_console
+from ...closed_loop.reports.plot_style import LINES, plot_style
 from ...closed_loop.studies.vehicle_tests.scores import (
     ASIDE_M_MIN,
     LATER_YAW_SHARE_MAX,
@@ -22,40 +18,29 @@ from ...closed_loop.studies.vehicle_tests.scores import (
 from ...closed_loop.studies.vehicle_tests.settings import VehicleTestSettings, read_vehicle_tests
 from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...plant_emulator.settings import plant_preset
-from ...runtime.exit_status import ExitStatus
-from ...runtime.output_file import write_file, write_text
-from ...runtime.settings import SettingsError
+from .own_kinds import Results
 
 Scores = Mapping[str, CarScores]
 
 
-def run_vehicle_tests(options: argparse.Namespace) -> int:
-    """Drive the tests, print their table, and write vehicle_tests.csv and .png."""
-    if options.replay is not None or options.scheduler:
-        raise SettingsError(f"{options.study}: the tests have neither --replay nor --scheduler")
-    settings = read_vehicle_tests(options.study)
-    print_line = plain_console().print
-    print_line(f"study: vehicle_tests: {settings.title}")
-    print_line(f"cars: {len(settings.plants)}")
-    if options.dry_run:
-        return ExitStatus.OK
+def read(file: Path) -> tuple[VehicleTestSettings, str]:
+    """Return the settings, and the size of the study; raises SettingsError."""
+    settings = read_vehicle_tests(file)
+    return settings, f"cars: {len(settings.plants)}"
+
+
+def results_of(settings: VehicleTestSettings) -> Results:
+    """Drive the tests; raises SettingsError."""
     plants = {name: plant_preset(name, settings.plant) for name in settings.plants}
     scores = {name: scores_of(plant, settings) for name, plant in plants.items()}
-    for line in lines_of(settings, scores):
-        print_line(line)
-    folder = options.out or Path("out/study/vehicle_tests")
-    folder.mkdir(parents=True, exist_ok=True)
-    rows = io.StringIO(newline="")
-    writer = csv.writer(rows, lineterminator="\n")
-    writer.writerow(("car", "test", "figure", "value"))
-    for name, car in scores.items():
-        for test in ("steady", "step", "sine", "dwell"):
-            for figure, value in getattr(car, test)._asdict().items():
-                writer.writerow((name, test, figure, value))
-    write_text(folder / "vehicle_tests.csv", rows.getvalue())
-    write_file(folder / "vehicle_tests.png", png_of(picture_of(scores)))
-    print_line(f"results: {folder / 'vehicle_tests.csv'}, {folder / 'vehicle_tests.png'}")
-    return ExitStatus.OK
+    rows = [
+        (name, test, figure, value)
+        for name, car in scores.items()
+        for test in ("steady", "step", "sine", "dwell")
+        for figure, value in getattr(car, test)._asdict().items()
+    ]
+    head = "car", "test", "figure", "value"
+    return Results(lines_of(settings, scores), [head, *rows], picture_of(scores))
 
 
 def lines_of(settings: VehicleTestSettings, scores: Scores) -> list[str]:

@@ -11,6 +11,7 @@ from steer_by_wire.closed_loop.studies.vehicle_tests.scores import (
     DWELL_FACTORS,
     dwell_score,
     scores_of,
+    steady_score,
     step_score,
 )
 from steer_by_wire.closed_loop.studies.vehicle_tests.settings import VehicleTestSettings
@@ -19,6 +20,7 @@ from steer_by_wire.closed_loop.studies.vehicle_tests.steer_programs import (
     Drive,
     drive,
     held,
+    ramp,
     sine_with_dwell,
 )
 from steer_by_wire.plant_emulator.settings import plant_preset
@@ -68,7 +70,8 @@ def test_the_gradient_is_that_of_steady_turns_by_algebra() -> None:
         - (1.45 + 1.491) * lateral / SPEED_M_S**2
         for lateral in (0.5, 2.0)
     )
-    gradient = scores_of(plant, VehicleTestSettings(plants=("",))).steady.understeer_rad_s2_m
+    turning = drive(plant, SPEED_M_S, ramp(2e-3), 12.0)
+    gradient = steady_score(plant, turning).understeer_rad_s2_m
     assert gradient == pytest.approx((high_rad - low_rad) / 1.5, rel=0.01)
 
 
