@@ -27,7 +27,6 @@ from ..frame.arbitration import arbitration_field
 from ..frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from ..node import NEVER_NS
 from .bit_ticks import bit_ticks
-from .bus_access import BusAccess, is_awaited
 from .bus_errors import BusErrors, error_end_ticks
 from .rest_bus import RestBus
 from .transmit_queue import BusOverflowError, TransmitQueue, Waiting
@@ -71,8 +70,6 @@ class BusModel:
                        Until the bus is free this may change with every submission. With
                        ``traffic`` it is a lower bound
 
-    ``access``         who is in bus-off
-
     Raises ValueError for a rate or a limit that is not positive.
     """
 
@@ -97,7 +94,6 @@ class BusModel:
                 for sender in traffic.senders:
                     errors.join(sender)
         self._is_destroyed = False
-        self.access = BusAccess(errors, ticks)
         self._on_wire: Waiting | None = None
         self._end_ticks = self._next_start_ticks = 0
         self._settled_ticks, self._completed = -1, list[Delivery]()
@@ -124,7 +120,7 @@ class BusModel:
         if now_ticks > self._decided_until_ticks:
             self._settle(now_ticks)
             self._look_ahead()
-        if self._errors is not None and self.access.is_off(sender, now_ticks):
+        if self._errors is not None and self._errors.is_off(sender, now_ticks):
             self.lost_in_bus_off += 1
             return
         duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
@@ -133,18 +129,12 @@ class BusModel:
         if self._on_wire is None and self._next_start_ticks < now_ticks:
             self._next_start_ticks = now_ticks
         is_next = self._on_wire is None and queue.competing[0] is entry
-        if is_next or self.next_event_ns == NEVER_NS or not self.access.is_calm:
+        if is_next or self.next_event_ns == NEVER_NS:
             self._look_ahead()
 
     def is_off(self, sender: int, now_ns: int) -> bool:
         """Whether a sender is in bus-off; lets it take part again when that is over."""
-        return self.access.is_off(sender, now_ns * self._ticks_per_ns)
-
-    def withdraw(self, sender: int) -> list[Frame]:
-        """Take back every frame of ``sender`` that is not on the wire yet; returns them."""
-        withdrawn = self._queue.withdraw(sender)
-        self._look_ahead()
-        return withdrawn
+        return self._errors is not None and self._errors.is_off(sender, now_ns * self._ticks_per_ns)
 
     def advance(self, now_ns: int) -> list[Delivery]:
         """Return the frames completed up to ``now_ns`` and not returned before, in order."""
@@ -161,20 +151,28 @@ class BusModel:
             end_ticks = self._end_ticks
             self._decided_until_ticks = end_ticks - 1
         elif competing := self._queue.competing:
-            start_ticks, winner = self.access.next_start(competing, self._next_start_ticks)
-            self._decided_until_ticks = start_ticks
-            end_ticks = start_ticks + winner.duration_ticks
+            self._decided_until_ticks = self._next_start_ticks
+            end_ticks = self._next_start_ticks + competing[0].duration_ticks
         else:
             self._decided_until_ticks = end_ticks = NEVER_NS * self._ticks_per_ns
         if self._traffic is not None:
             if self._on_wire is None:
                 self._decided_until_ticks = self._settled_ticks
-            if not is_awaited(self._on_wire, self._queue.competing):
+            if not self._is_awaited():
                 end_ticks = NEVER_NS * self._ticks_per_ns
         if self._completed:
             self.next_event_ns = self._completed[0].end_ns
         else:
             self.next_event_ns = -(-end_ticks // self._ticks_per_ns)
+
+    def _is_awaited(self) -> bool:
+        """Whether a frame waits that a node has submitted."""
+        if self._on_wire is not None and self._on_wire.sender >= 0:
+            return True
+        for waiting in self._queue.competing:  # noqa: SIM110 - asked twice a frame; any() is slower
+            if waiting.sender >= 0:
+                return True
+        return False
 
     def _settle(self, now_ticks: int) -> None:
         """Let the traffic release its frames before now, and the bus carry what competes."""
@@ -190,7 +188,7 @@ class BusModel:
             self._next_start_ticks = due_ticks
         arbitration, duration_ticks, sender, frame = traffic.ready
         counts_on = True
-        if self._errors is None or not self.access.is_off(sender, due_ticks):
+        if self._errors is None or not self._errors.is_off(sender, due_ticks):
             try:
                 self._queue.push(arbitration, duration_ticks, sender, frame)
             except BusOverflowError:
@@ -203,16 +201,12 @@ class BusModel:
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
         competing, on_wire, end_ticks = self._queue.competing, self._on_wire, self._end_ticks
-        errors, traffic, next_start = self._errors, self._traffic, self.access.next_start
+        errors, traffic = self._errors, self._traffic
         while True:
             if on_wire is None:
-                if not competing:
+                if not competing or self._next_start_ticks >= now_ticks:
                     break
-                start_ticks, on_wire = next_start(competing, self._next_start_ticks)
-                if start_ticks >= now_ticks:
-                    on_wire = None
-                    break
-                self._next_start_ticks = start_ticks
+                start_ticks, on_wire = self._next_start_ticks, competing[0]
                 end_ticks = start_ticks + on_wire.duration_ticks
                 self._queue.remove(on_wire)
                 if errors is not None:
@@ -221,26 +215,18 @@ class BusModel:
                     self._is_destroyed = hit_ticks < end_ticks
                     if self._is_destroyed:
                         end_ticks = error_end_ticks(start_ticks, hit_ticks, self._ticks)
-                if (
-                    traffic is not None
-                    and on_wire.sender < 0
-                    and not self._is_destroyed
-                    and self.access.is_calm
-                ):  # Nothing can happen to it any more, and no one waits for its end.
-                    if errors is not None:
-                        errors.sent[on_wire.sender] += 1
-                    self._complete(on_wire, end_ticks)
-                    on_wire = None
-                    continue
-            if end_ticks > now_ticks:
+                # No one waits for the end of the traffic's frames.
+                is_passing = traffic is not None and on_wire.sender < 0 and not self._is_destroyed
+            else:
+                is_passing = False
+            if end_ticks > now_ticks and not is_passing:
                 break
-            if errors is not None:
-                if not self._is_destroyed and self.access.is_calm:
-                    errors.sent[on_wire.sender] += 1
-                elif self._end_attempt(on_wire, end_ticks, errors):
-                    on_wire = None
-                    continue
-            self._complete(on_wire, end_ticks)
+            if errors is not None and self._is_destroyed:
+                self._end_attempt(on_wire, end_ticks, errors)
+            else:
+                if errors is not None:
+                    errors.on_whole(on_wire.sender)
+                self._complete(on_wire, end_ticks)
             on_wire = None
         self._on_wire, self._end_ticks, self._settled_ticks = on_wire, end_ticks, now_ticks
 
@@ -254,20 +240,13 @@ class BusModel:
         self._frames += 1
         self._occupy_until(end_ticks)
 
-    def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> bool:
-        """Count the end of a transmission; returns whether the frame must be sent again."""
-        is_destroyed, self._is_destroyed = self._is_destroyed, False
-        sender = sent.sender
-        if is_destroyed:
-            self.access.come_back(end_ticks)
-            errors.on_destroyed(sender, self._ticks.whole_ns(end_ticks))
-            self._occupy_until(end_ticks)
-            self._queue.put_back(sent)
-        else:
-            errors.on_whole(sender)
-        if self.access.goes_off(sender, end_ticks):
-            self.lost_in_bus_off += len(self.withdraw(sender))
-        return is_destroyed
+    def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> None:
+        """Count a destroyed transmission, and let the frame compete again or be lost."""
+        self._is_destroyed = False
+        self._occupy_until(end_ticks)
+        self._queue.put_back(sent)
+        if errors.on_destroyed(sent.sender, end_ticks, self._ticks):
+            self.lost_in_bus_off += len(self._queue.withdraw(sent.sender))
 
     def _occupy_until(self, end_ticks: int) -> None:
         """Count the time of what has been on the wire, and its intermission."""

@@ -58,11 +58,7 @@ class TransmitQueue:
 
     def remove(self, winner: Waiting) -> None:
         """Remove the frame that has won the bus."""
-        if winner is self.competing[0]:
-            heappop(self.competing)
-        else:
-            self.competing.remove(winner)
-            heapify(self.competing)
+        heappop(self.competing)
         # Removed when zero: senders and identifiers come and go, and memory must not grow.
         still_waiting = self._waiting_of.pop(winner.buffer) - 1
         if still_waiting:

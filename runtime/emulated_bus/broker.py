@@ -8,7 +8,6 @@ No client can stop another, and everything that waits for a client is bounded. A
     floods the bus         is not read until frames have gone out, and so waits in ``send``
     does not read          is disconnected when OUTGOING_BYTES_MAX wait for it
     sends garbage          is disconnected at the first invalid record
-    leaves and returns     leaves at most LEFT_FRAMES_MAX frames behind
 
 Waiting is by ``select`` because it counts microseconds; Python's epoll and poll round up to the
 next millisecond, which is four frames.

@@ -3,15 +3,19 @@
 import socket
 import struct
 import sys
+from collections import Counter
 from enum import StrEnum
 
-from ..frame import FD, Frame
+from ..frame import EXTENDED, FD, Frame
 from .protocol import HELLO, Hello, record_format, unpack_hello, unpack_sent
-from .transmit_buffers import TransmitBuffers
 
 OUTGOING_BYTES_MAX = 1 << 20
 """Limit of the data that waits for a client: 43 690 classic frames, 10 s of a full bus at
 500 kbit/s."""
+
+FRAMES_WAITING_MAX, BUFFERS_MAX = 16, 32
+"""Frames under one identifier, and identifiers, that wait for the bus when a client is read no
+further; the rest waits in its socket, as in the queue of a network interface."""
 
 READ_BYTES = 1 << 12
 """Small, because what is read but not submitted yet already counts as sent for the client."""
@@ -48,7 +52,8 @@ class Connection:
     ``number``          the sender's number on its channel
     ``hello``           its request; None until it is complete
     ``record``          format of the records of both sides after the hello
-    ``buffers``         its submitted frames that are not complete yet; counted by its channel
+    ``waiting``         its submitted frames that are not complete yet, by identifier and whether
+                        that has 29 bits
     ``is_held_back``    whether it is not read because too many of its frames wait
     """
 
@@ -56,7 +61,7 @@ class Connection:
         connection.setblocking(False)
         self.number = number
         self.hello: Hello | None = None
-        self.buffers = TransmitBuffers()
+        self.waiting: Counter[tuple[int, bool]] = Counter()
         self.is_held_back = False
         self._process = _process_of(connection)
         self._socket = connection
@@ -115,6 +120,19 @@ class Connection:
     def put_back(self, frame: Frame) -> None:
         """Let ``next_frame`` return ``frame`` again, for which there was no room."""
         self._put_back = frame
+
+    def takes(self, frame: Frame) -> bool:
+        """Count a frame that waits for the bus, if there is room for it."""
+        key = frame.can_id, frame.flags & EXTENDED != 0
+        waiting = self.waiting[key]
+        if waiting >= FRAMES_WAITING_MAX or (not waiting and len(self.waiting) >= BUFFERS_MAX):
+            return False
+        self.waiting[key] += 1
+        return True
+
+    def on_complete(self, frame: Frame) -> None:
+        """Count a frame that waits no more."""
+        self.waiting -= Counter([(frame.can_id, frame.flags & EXTENDED != 0)])  # drops zeros
 
     def wants(self, frame: Frame, sender: int) -> bool:
         """Whether the client receives ``frame`` of client ``sender``."""

@@ -13,7 +13,6 @@ def broker_report(broker: Broker, duration_ns: int) -> dict[str, Any]:
     ``lateness``      how long after an end of frame the broker came to deliver it
     ``traffic``       frames of the rest bus among all ``frames``
     ``load``          share of the time that a wire was busy, intermissions included
-    ``discarded``     frames of clients that had gone which were never sent
     ``held_back``     how often a client was not read on because its frames waited
     ``disconnected``  clients that are gone, by cause
     """
@@ -25,7 +24,6 @@ def broker_report(broker: Broker, duration_ns: int) -> dict[str, Any]:
                 "frames": channel.load.frames,
                 "traffic": channel.traffic_frames,
                 "load": channel.load.busy_ns / duration_ns,
-                "discarded": channel.discarded,
             }
             for name, channel in sorted(broker.channels.items())
         },
@@ -38,8 +36,6 @@ def summary_line(report: dict[str, Any]) -> str:
     parts = [f"ran {report['duration_s']:.1f} s"]
     for name, channel in report["channels"].items():
         parts.append(f"{name} {channel['frames']} frames, load {channel['load']:.1%}")
-        if channel["discarded"]:
-            parts[-1] += f", {channel['discarded']} of clients that had gone discarded"
     clients = report["clients"]
     parts.append(f"{clients['served']} clients, {clients['most']} at once")
     gone = [

@@ -13,15 +13,11 @@ from ..bus_model.bus_model import BusLoad, BusModel, Delivery
 from ..bus_model.rest_bus import PeriodicMessage, RestBus
 from ..frame import Frame
 from ..node import NEVER_NS, NS_PER_MS
-from .broker_connection import Connection
+from .broker_connection import FRAMES_WAITING_MAX, Connection
 from .protocol import OWN, pack_frame
-from .transmit_buffers import FRAMES_WAITING_MAX
 
 PACE_NS = NS_PER_MS
 """How long a channel with traffic is left alone at most."""
-LEFT_FRAMES_MAX = 1024
-"""Frames of departed clients that may wait on one channel, so that no client fills the bus by
-joining and leaving. Beyond that, a client that leaves loses its frames."""
 
 
 class Traffic(NamedTuple):
@@ -41,7 +37,6 @@ class Channel:
     ``start_ns``                               when the time of its bus begins [ns]
 
     ``traffic_frames``  frames of the rest bus
-    ``discarded``       frames of departed clients that were never sent
     """
 
     def __init__(
@@ -59,8 +54,7 @@ class Channel:
         self._is_paced = rest is not None
         self._start_ns, self._pace_ns = (start_ns, start_ns) if self._is_paced else (0, NEVER_NS)
         self._of_traffic: list[Delivery] = []
-        self._departed: dict[int, int] = {}  # frames that wait, by client
-        self.traffic_frames = self.discarded = 0
+        self.traffic_frames = 0
 
     @property
     def next_event_ns(self) -> int:
@@ -83,10 +77,9 @@ class Channel:
         """
         bus_ns = now_ns - self._start_ns
         while (frame := client.next_frame()) is not None:
-            if not client.buffers.has_room(frame):
+            if not client.takes(frame):
                 client.put_back(frame)
                 return False
-            client.buffers.add(frame)
             self._model.submit(frame, client.number, bus_ns)
         return True
 
@@ -95,7 +88,8 @@ class Channel:
         bus_ns = now_ns - self._start_ns
         completed = self._model.advance(bus_ns)
         for _, sender, frame in completed:
-            self._free_place(sender, frame)
+            if (member := self.members.get(sender)) is not None:
+                member.on_complete(frame)
         if not self._is_paced:
             return completed
         self._pace_ns = now_ns + PACE_NS
@@ -126,29 +120,8 @@ class Channel:
             member.queue(packed[record])
 
     def leave(self, client: Connection) -> None:
-        """Remove a client; its frames are still sent, up to LEFT_FRAMES_MAX of all departed."""
-        number = client.number
-        if self.members.pop(number, None) is None:
-            return
-        waiting = client.buffers.frames_waiting
-        if waiting + sum(self._departed.values()) > LEFT_FRAMES_MAX:
-            withdrawn = len(self._model.withdraw(number))
-            self.discarded += withdrawn
-            waiting -= withdrawn
-        self._departed[number] = waiting
-        self._forget_if_sent(number)
-
-    def _free_place(self, sender: int, frame: Frame) -> None:
-        """Count a frame of a client that is complete."""
-        if (member := self.members.get(sender)) is not None:
-            member.buffers.remove(frame)
-        else:
-            self._departed[sender] -= 1
-            self._forget_if_sent(sender)
-
-    def _forget_if_sent(self, number: int) -> None:
-        if not self._departed[number]:
-            del self._departed[number]
+        """Remove a client; its frames are still sent."""
+        self.members.pop(client.number, None)
 
     def _on_wire(self, end_ns: int, sender: int, frame: Frame) -> None:
         self.traffic_frames += 1

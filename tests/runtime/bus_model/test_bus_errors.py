@@ -5,9 +5,8 @@ import random
 import pytest
 
 from steer_by_wire.runtime.bus_model.bit_noise import BusNoise
-from steer_by_wire.runtime.bus_model.bus_errors import BusErrors
+from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorCounters
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.fault_confinement import ErrorCounters
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from steer_by_wire.runtime.node import NEVER_NS
@@ -92,19 +91,6 @@ def test_noise_just_before_a_frame_leaves_it_alone() -> None:
     assert ends_ns == []
 
 
-def test_a_passive_sender_pauses_and_lets_others_go_first() -> None:
-    # The first sixteen transmissions are destroyed in their second bit, and take 25 bits each.
-    hits_ns = [repetition * 25 * BIT_NS + middle_of(1) for repetition in range(16)]
-    errors, _ = errors_at(*hits_ns)
-    bus, other = BusModel(BITRATE_BIT_S, errors=errors), Frame(0x7FF, b"")
-    bus.submit(FRAME, 0, 0)
-    bus.advance(16 * 25 * BIT_NS)
-    assert errors.is_passive(0)
-    # The pause of eight bits has begun, in which others may start.
-    bus.submit(other, 1, (16 * 25 + 7) * BIT_NS)
-    assert [frame for _, frame in until_idle(bus)] == [other, FRAME]
-
-
 def test_bus_off_loses_the_frames_and_ends_after_its_time() -> None:
     always, ends_ns = errors_at(*range(middle_of(0), 20_000 * BIT_NS, BIT_NS))
     bus = BusModel(BITRATE_BIT_S, errors=always)
@@ -149,17 +135,15 @@ def test_a_rate_that_makes_no_sense_is_refused(rate: float) -> None:
 
 def test_the_counters_follow_the_standard() -> None:
     counters = ErrorCounters()
-    for _ in range(12):
-        counters.on_transmit_error()
-    assert (counters.transmit, counters.is_passive) == (96, False)
     for _ in range(200):
-        counters.on_receive_error()
-    assert (counters.receive, counters.is_passive) == (128, True)
-    counters.on_received()
+        counters.on_error(is_own=False)
+    assert counters.receive == 128
+    counters.on_whole(is_own=False)
     assert 119 <= counters.receive <= 127
-    for _ in range(20):
-        counters.on_transmit_error()
+    for _ in range(31):
+        counters.on_error(is_own=True)
+    counters.on_whole(is_own=True)
+    assert (counters.transmit, counters.is_off) == (247, False)
+    for _ in range(2):
+        counters.on_error(is_own=True)
     assert counters.is_off
-    counters.restart()
-    counters.on_sent()
-    assert (counters.transmit, counters.is_passive) == (0, False)

@@ -7,6 +7,8 @@ import random
 import socket
 
 from steer_by_wire.runtime.emulated_bus.broker_connection import (
+    BUFFERS_MAX,
+    FRAMES_WAITING_MAX,
     OUTGOING_BYTES_MAX,
     READ_BYTES,
     Cause,
@@ -15,10 +17,6 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     HELLO,
     pack_frame,
-)
-from steer_by_wire.runtime.emulated_bus.transmit_buffers import (
-    BUFFERS_MAX,
-    FRAMES_WAITING_MAX,
 )
 from steer_by_wire.runtime.frame import Frame
 from tests.support.programs.broker_bench import (
@@ -67,8 +65,8 @@ def test_a_flood_delays_a_higher_priority_by_one_frame(
     for _ in range(200):
         in_flight += flood(flooder, Frame(0x700, bytes(8)))
         bench.step()
-        client = max(bench.broker.clients, key=lambda member: member.buffers.frames_waiting)
-        assert client.buffers.frames_waiting <= FRAMES_WAITING_MAX
+        client = max(bench.broker.clients, key=lambda member: member.waiting.total())
+        assert client.waiting.total() <= FRAMES_WAITING_MAX
         assert len(client._incoming) <= READ_BYTES
         assert_bus_is_well(bench, one, other)
     assert bench.broker.figures.held_back >= 1
@@ -115,8 +113,8 @@ def test_a_client_has_a_bounded_number_of_transmit_buffers(bench: Bench) -> None
     frames = [Frame(0x700 + n, bytes(8)) for n in range(3 * BUFFERS_MAX)]
     send(flooder, *frames)
     bench.step()
-    (client,) = (one for one in bench.broker.clients if one.buffers.frames_waiting)
-    assert client.buffers.frames_waiting == BUFFERS_MAX
+    (client,) = (one for one in bench.broker.clients if one.waiting.total())
+    assert client.waiting.total() == BUFFERS_MAX
     bench.advance(len(frames) * CLASSIC_FRAME_NS)
     assert received(listener) == frames
 

@@ -8,9 +8,7 @@ import pytest
 from steer_by_wire.runtime.emulated_bus.broker import ACCEPT_PAUSE_NS
 from steer_by_wire.runtime.emulated_bus.broker_connection import Cause
 from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line
-from steer_by_wire.runtime.emulated_bus.channel import LEFT_FRAMES_MAX
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
-from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from tests.support.programs.broker_bench import (
@@ -35,37 +33,6 @@ def test_the_last_frames_of_a_client_that_leaves_still_go_out(bench: Bench) -> N
     assert received(listener) == frames
     assert bench.gone(Cause.LEFT) == 1
     assert bench.lines == []
-
-
-def test_who_comes_and_goes_leaves_a_bounded_number_of_frames(
-    bench: Bench,
-) -> None:
-    """Without the bound each visit would add FRAMES_WAITING_MAX frames that wait."""
-    listener = bench.join()
-    polite = bench.join()
-    send(polite, Frame(0x7FE, b"polite"))
-    polite.close()
-    bench.step()
-    count = FRAMES_WAITING_MAX - 1
-    visits = 3 * LEFT_FRAMES_MAX // count
-    for _ in range(visits):
-        vandal = bench.join()
-        send(vandal, *[Frame(0x700, bytes(8))] * count)
-        vandal.close()
-        bench.step()
-        channel = bench.broker.channels["can0"]
-        assert sum(channel._departed.values()) <= LEFT_FRAMES_MAX
-        assert len(channel._model._queue.competing) <= LEFT_FRAMES_MAX
-    frames = received(listener)
-    for _ in range(LEFT_FRAMES_MAX // 100 + 1):  # a socket's buffer holds fewer than all
-        bench.advance(100 * CLASSIC_FRAME_NS)
-        frames += received(listener)
-    assert Frame(0x7FE, b"polite") in frames
-    total = visits * count + 1
-    assert len(frames) + channel.discarded == total
-    assert channel.discarded >= total - LEFT_FRAMES_MAX
-    assert channel._departed == {}
-    assert channel._model._queue._waiting_of == {}
 
 
 def test_a_host_without_descriptors_is_asked_again_later(bench: Bench) -> None:

@@ -102,7 +102,7 @@ def test_the_same_arrivals_give_the_same_bus_to_the_nanosecond(start_ns: int) ->
     seen, channel, got = on_a_channel(arrivals, start_ns, end_ns)
     whole = [one for one in seen if one[0] <= end_ns]
     assert whole == sorted(wanted, key=lambda one: one[0])
-    assert not any(client.buffers.frames_waiting for client in channel.members.values())
+    assert not any(client.waiting for client in channel.members.values())
     for number, frames in got.items():
         assert frames == [frame for _, sender, frame in seen if sender != number]
 
