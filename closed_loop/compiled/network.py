@@ -59,10 +59,8 @@ class _Network(NamedTuple):
     loss: FloatArray
 
 
-def passages(
-    settings: LatencySettings, seed: int, channel: Stream, duplicates: Stream, frames: Frames
-) -> Passages:
-    """Pass frames through a line whose streams are ``channel`` and ``duplicates`` of ``seed``."""
+def passages(settings: LatencySettings, seed: int, channel: Stream, frames: Frames) -> Passages:
+    """Pass frames through a line whose stream is ``channel`` of ``seed``."""
     count = len(frames.came_ns)
     network = _network(settings, frames)
     draws = (
@@ -78,13 +76,6 @@ def passages(
         is_lost |= np.isnan(traced_s)
     index = np.flatnonzero(~is_lost & frames.is_wanted)
     latency_ns = _latencies_ns(settings, network, u, traced_s, index)
-    if settings.duplicates > 0.0:
-        chance, again = first_uniforms(seed, duplicates, 2 * count).reshape(-1, 2).T
-        is_copied = chance[index] < settings.duplicates
-        copy_ns = _latencies_ns(settings, network, again, traced_s, index[is_copied])
-        # A copy enters directly after its frame.
-        index, latency_ns = (np.repeat(column, 1 + is_copied) for column in (index, latency_ns))
-        latency_ns[np.cumsum(1 + is_copied)[is_copied] - 1] = copy_ns
     came_ns = frames.came_ns[index]
     due_ns = came_ns + latency_ns
     if settings.order is Order.IN_ORDER:

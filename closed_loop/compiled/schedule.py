@@ -117,9 +117,7 @@ def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSch
     commands = Frames(
         tick_ns, np.maximum(tick_ns - motion_start_ns, 0), np.ones(len(tick_ns), dtype=np.bool_)
     )
-    down = passages(
-        plant.latency.downlink, plant.seed, Stream.DOWNLINK, Stream.DOWNLINK_DUPLICATES, commands
-    )
+    down = passages(plant.latency.downlink, plant.seed, Stream.DOWNLINK, commands)
     through = down.due_ns <= end_ns
     sample_ns = np.arange(samples) * sensor_ns
     # The sample at the instant of the first command is taken before that command.
@@ -207,7 +205,7 @@ def arrivals_of(
     came_ns = sample * plant.sensor_period_ns
     is_wanted = np.arange(len(sample)) - np.repeat(first[:-1], messages) == message
     frames = Frames(came_ns, np.maximum(came_ns - motion_start_ns, 0), is_wanted)
-    up = passages(plant.latency.uplink, plant.seed, Stream.UPLINK, Stream.UPLINK_DUPLICATES, frames)
+    up = passages(plant.latency.uplink, plant.seed, Stream.UPLINK, frames)
     number = sample[up.frame] // (every if message >= Uplink.VEHICLE_STATE else 1)
     rule = rule._replace(period_ns=cycle_ns(_MESSAGES[message]))
     lost = np.append(0, np.cumsum(up.is_lost))[first]

@@ -1,4 +1,4 @@
-"""Draw of one frame's fate in the network: its latency, its loss, its duplicate.
+"""Draw of one frame's fate in the network: its latency, or its loss.
 
 For every frame two uniforms are drawn, in this order, whether they are needed or not:
 
@@ -6,7 +6,7 @@ For every frame two uniforms are drawn, in this order, whether they are needed o
     2. latency       (``plant_emulator.network.latency_distributions``)
 
 so that runs with the same seed meet the same network, and a distribution with a heavier tail makes
-every frame later. Duplicates draw from a stream of their own.
+every frame later.
 """
 
 from collections import deque
@@ -25,22 +25,15 @@ from .settings import LatencySettings
 class LatencyDraw:
     """Draws the latency of each frame of one direction.
 
-    ``uniforms``            stream of the loss and latency of each frame
-    ``duplicate_uniforms``  stream of the duplicates
+    ``uniforms``  stream of the loss and latency of each frame
 
     ``trace_times_s``  times of the rows of the settings' trace [s]; empty without one
-    ``constant_ns``  the one latency of all frames [ns]; empty where draws decide
+    ``constant_ns``  the one latency of all frames [ns]; None where draws decide
     """
 
-    def __init__(
-        self,
-        settings: LatencySettings,
-        uniforms: Iterator[float],
-        duplicate_uniforms: Iterator[float],
-    ) -> None:
+    def __init__(self, settings: LatencySettings, uniforms: Iterator[float]) -> None:
         self._settings = settings
         self._uniforms = uniforms
-        self._duplicate_uniforms = duplicate_uniforms
         self._quantile = settings.quantile
         self._schedule = settings.profile
         self._trace = settings.trace()
@@ -75,10 +68,8 @@ class LatencyDraw:
         deque(islice(self._uniforms, 2 * (frames - self._frames_drawn)), maxlen=0)
         self._frames_drawn = frames
 
-    def latencies_ns(
-        self, number: int, sample: int, now_ns: int, motion_ns: int
-    ) -> tuple[int, ...]:
-        """Return the latency of the frame, and that of its duplicate, if any; none if it is lost.
+    def latency_ns(self, number: int, sample: int, now_ns: int, motion_ns: int) -> int | None:
+        """Return the latency of the frame; None if it is lost.
 
         ``number``  frames that came before
         ``sample``  samples that came before; the frames of one come together
@@ -90,32 +81,24 @@ class LatencyDraw:
         if self._settings.correlation_time_s > 0.0:
             latency_u = self._correlated(latency_u, now_ns)
         latency_s = self._latency_s(latency_u, sample, motion_ns)
-        is_lost = is_lost or isnan(latency_s)
-        latencies_ns: tuple[int, ...] = () if is_lost else (round(latency_s * NS_PER_S),)
-        if self._settings.duplicates > 0.0:
-            chance_u, again_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
-            if not is_lost and chance_u < self._settings.duplicates:
-                again_s = self._latency_s(again_u, sample, motion_ns)
-                latencies_ns = latencies_ns[0], round(again_s * NS_PER_S)
         self._frames_drawn = number + 1
-        return latencies_ns
+        return None if is_lost or isnan(latency_s) else round(latency_s * NS_PER_S)
 
     def _follow_schedule(self, motion_ns: int) -> None:
         shape, time_s = self._settings.schedule_shape, motion_ns / NS_PER_S
         _, self._mean_s, self._spread_s, loss = profile_at(self._schedule, shape, time_s)
         self._loss = self._loss_params(loss)
 
-    def _constant_ns(self) -> tuple[int, ...]:
+    def _constant_ns(self) -> int | None:
         is_drawn = (
             self._quantile is not QUANTILES[Distribution.CONSTANT]
             or self._schedule
             or self._trace is not None
             or self._in_burst
             or self._loss != bernoulli(0.0)
-            or self._settings.duplicates > 0.0
             or self._settings.correlation_time_s > 0.0
         )
-        return () if is_drawn else (round(self._mean_s * NS_PER_S),)
+        return None if is_drawn else round(self._mean_s * NS_PER_S)
 
     def _latency_s(self, u: float, sample: int, motion_ns: int) -> float:
         """Return a latency; that of a trace may say, by not being a number, that it was lost."""

@@ -38,12 +38,9 @@ _FRAMES_MAX = 8
 
 
 class LineCounts(NamedTuple):
-    """Counts of frames: pushed + duplicated = released + lost + superseded + overflowed
-    + those still waiting.
-    """
+    """Counts of frames: pushed = released + lost + superseded + overflowed + those waiting."""
 
     pushed: int
-    duplicated: int
     released: int
     lost: int
     superseded: int  # dropped because a newer one of the same key had left before
@@ -53,20 +50,14 @@ class LineCounts(NamedTuple):
 class LatencyLine(Generic[Item]):
     """Holds the frames of one direction until they are due.
 
-    ``uniforms``            stream of the loss and latency of each frame
-    ``duplicate_uniforms``  stream of the duplicates
+    ``uniforms``  stream of the loss and latency of each frame
 
     ``next_due_ns``  when the next frame is due [ns]; NEVER_NS if none waits
     ``trace_times_s``  as of ``LatencyDraw``
     """
 
-    def __init__(
-        self,
-        settings: LatencySettings,
-        uniforms: Iterator[float],
-        duplicate_uniforms: Iterator[float],
-    ) -> None:
-        self._draw = LatencyDraw(settings, uniforms, duplicate_uniforms)
+    def __init__(self, settings: LatencySettings, uniforms: Iterator[float]) -> None:
+        self._draw = LatencyDraw(settings, uniforms)
         self.trace_times_s = self._draw.trace_times_s
         self._newest_wins = settings.order is Order.NEWEST_WINS
         self._in_order = settings.order is Order.IN_ORDER
@@ -78,10 +69,10 @@ class LatencyLine(Generic[Item]):
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
         self._newest_released: defaultdict[int, int] = defaultdict(int)
-        self._drawn_ns: tuple[int, ...] = (0,)
+        self._drawn_ns = 0
         self._samples = 0
         """Calls of ``push``, while latencies are drawn: a trace may have one row for each."""
-        self._pushed = self._duplicated = self._settled = 0
+        self._pushed = self._settled = 0
         self._lost = self._superseded = self._overflowed = 0
         self._latency, self._injected = DurationStatistics(), DurationStatistics()
         # Durations not in the statistics yet.
@@ -93,7 +84,6 @@ class LatencyLine(Generic[Item]):
         """Counts of the frames so far."""
         return LineCounts(
             self._pushed,
-            self._duplicated,
             self._settled + len(self._latencies_ns),
             self._lost,
             self._superseded,
@@ -103,7 +93,7 @@ class LatencyLine(Generic[Item]):
     @property
     def latest_latency_ns(self) -> int:
         """Latency drawn for the newest frame that was not lost [ns]."""
-        return self._drawn_ns[0]
+        return self._drawn_ns
 
     @property
     def latency(self) -> DurationStatistics:
@@ -113,7 +103,7 @@ class LatencyLine(Generic[Item]):
 
     @property
     def injected(self) -> DurationStatistics:
-        """Latencies drawn for every frame that was not lost, duplicates included."""
+        """Latencies drawn for every frame that was not lost."""
         self._settle()
         return self._injected
 
@@ -129,14 +119,14 @@ class LatencyLine(Generic[Item]):
         ``frames``  the key and the item of each
         """
         waiting, injected_ns, constant_ns = self._waiting, self._injected_ns, self._draw.constant_ns
-        if constant_ns:
+        if constant_ns is not None:
             self._drawn_ns = constant_ns
             in_turn = self._in_turn
             if not waiting and _FRAMES_MAX * len(in_turn) < WAITING_MAX:
                 count = len(frames)
                 self._pushed += count
-                injected_ns += constant_ns * count
-                in_turn.append((now_ns + constant_ns[0], now_ns, frames))
+                injected_ns += [constant_ns] * count
+                in_turn.append((now_ns + constant_ns, now_ns, frames))
                 self.next_due_ns = in_turn[0][0]
                 if len(injected_ns) >= _BLOCK:
                     self._settle()
@@ -144,19 +134,24 @@ class LatencyLine(Generic[Item]):
             self._separate()
         in_order, sequence = self._in_order, self._sequence
         for key, item in frames:
-            latencies_ns = constant_ns or self._drawn(now_ns, motion_ns)
+            latency_ns = constant_ns
+            if latency_ns is None:
+                latency_ns = self._draw.latency_ns(self._pushed, self._samples, now_ns, motion_ns)
             self._pushed += 1
-            for latency_ns in latencies_ns:
-                injected_ns.append(latency_ns)
-                if len(waiting) >= WAITING_MAX:
-                    self._overflowed += 1
-                    continue
-                due_ns = now_ns + latency_ns
-                if in_order:
-                    due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
-                    self._last_due_ns[key] = due_ns
-                sequence += 1
-                heappush(waiting, (due_ns, sequence, now_ns, key, item))
+            if latency_ns is None:
+                self._lost += 1
+                continue
+            self._drawn_ns = latency_ns
+            injected_ns.append(latency_ns)
+            if len(waiting) >= WAITING_MAX:
+                self._overflowed += 1
+                continue
+            due_ns = now_ns + latency_ns
+            if in_order:
+                due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
+                self._last_due_ns[key] = due_ns
+            sequence += 1
+            heappush(waiting, (due_ns, sequence, now_ns, key, item))
         self._sequence = sequence
         self._samples += 1
         if waiting:
@@ -194,15 +189,6 @@ class LatencyLine(Generic[Item]):
                     newest[key] = sequence
             heappop(waiting)
         return released
-
-    def _drawn(self, now_ns: int, motion_ns: int) -> tuple[int, ...]:
-        """Draw the next frame's latency, and that of its duplicate; none if it is lost."""
-        latencies_ns = self._draw.latencies_ns(self._pushed, self._samples, now_ns, motion_ns)
-        if latencies_ns:
-            self._drawn_ns = latencies_ns
-        self._lost += not latencies_ns
-        self._duplicated += len(latencies_ns) > 1
-        return latencies_ns
 
     def _separate(self) -> None:
         """Move the waiting frames to the heap, where others can overtake them."""

@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from enum import StrEnum
 from itertools import pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,28 +31,23 @@ class Shape(StrEnum):
     RAMP = "ramp"
 
 
-class ProfilePoint(NamedTuple):
-    """Latency from ``time_s`` of motion on."""
-
-    time_s: float
-    mean_s: float
-    spread_s: float
-    loss: float
+Values = tuple[float, float, float, float]
+"""Time of motion, and from then on mean and standard deviation [s], and share of lost frames."""
+Profile = Sequence[Values]
 
 
-def profile_at(points: Sequence[ProfilePoint], shape: Shape, time_s: float) -> ProfilePoint:
+def profile_at(points: Profile, shape: Shape, time_s: float) -> Values:
     """Return the values in force at ``time_s``; ``points`` are not empty and in time order."""
-    after = bisect_right(points, time_s, key=lambda point: point.time_s)
+    after = bisect_right(points, time_s, key=itemgetter(0))
     if after == 0:
         return points[0]
     before = points[after - 1]
     if after == len(points) or shape is Shape.STEP:
         return before
-    share = (time_s - before.time_s) / (points[after].time_s - before.time_s)
-    _, mean_s, spread_s, loss = (
-        a + share * (b - a) for a, b in zip(before, points[after], strict=True)
-    )
-    return ProfilePoint(time_s, mean_s, spread_s, loss)
+    share = (time_s - before[0]) / (points[after][0] - before[0])
+    _, *values = (a + share * (b - a) for a, b in zip(before, points[after], strict=True))
+    mean_s, spread_s, loss = values
+    return time_s, mean_s, spread_s, loss
 
 
 class Trace(NamedTuple):

@@ -29,13 +29,9 @@ class Network:
 
     def __init__(self, latency: BothLatencySettings, seed: int) -> None:
         self.downlink: LatencyLine[DownlinkMessage] = LatencyLine(
-            latency.downlink,
-            uniforms(seed, Stream.DOWNLINK),
-            uniforms(seed, Stream.DOWNLINK_DUPLICATES),
+            latency.downlink, uniforms(seed, Stream.DOWNLINK)
         )
-        self.uplink: LatencyLine[Frame] = LatencyLine(
-            latency.uplink, uniforms(seed, Stream.UPLINK), uniforms(seed, Stream.UPLINK_DUPLICATES)
-        )
+        self.uplink: LatencyLine[Frame] = LatencyLine(latency.uplink, uniforms(seed, Stream.UPLINK))
         self.measured_latency_s = math.nan
         self.traces_s = {
             "downlink": self.downlink.trace_times_s, "uplink": self.uplink.trace_times_s,

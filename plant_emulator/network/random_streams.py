@@ -22,9 +22,7 @@ class Stream(IntEnum):
     """Purpose of a stream. Its values are part of the meaning of a seed: never renumber them."""
 
     DOWNLINK = 0
-    DOWNLINK_DUPLICATES = 1
     UPLINK = 2
-    UPLINK_DUPLICATES = 3
     SENSOR_NOISE = 4
     FAULTS = 5
 

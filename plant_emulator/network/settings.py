@@ -24,7 +24,7 @@ from ...runtime.settings.plugin import (
     plugin_table,
 )
 from .latency_distributions import QUANTILES, Distribution, Quantile
-from .latency_over_time import LATENCY_S_MAX, ProfilePoint, Shape, Trace, read_trace
+from .latency_over_time import LATENCY_S_MAX, Profile, Shape, Trace, read_trace
 
 LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -116,8 +116,6 @@ class LatencySettings(Settings):
     """Mean length of a burst of loss (Gilbert-Elliott); default: independent losses."""
     loss_in_good: Probability = 0.0
     loss_in_burst: Probability = 1.0
-    duplicates: Probability = 0.0
-    """Share of frames that arrive twice; the duplicate has its own latency."""
     order: Order = Order.NEWEST_WINS
     schedule: tuple[SchedulePoint, ...] = Field((), max_length=100_000)
     """Replaces mean_s, spread_s and loss."""
@@ -164,9 +162,9 @@ class LatencySettings(Settings):
         return Trace(self.latencies_s) if self.latencies_s else None
 
     @property
-    def profile(self) -> tuple[ProfilePoint, ...]:
+    def profile(self) -> Profile:
         """The points of the schedule."""
-        return tuple(ProfilePoint(**dict(point)) for point in self.schedule)
+        return [(point.time_s, point.mean_s, point.spread_s, point.loss) for point in self.schedule]
 
     @property
     def quantile(self) -> Quantile:

@@ -70,7 +70,7 @@ PLANTS = (
     (),
     ("path.kind=straight", "sensor_period_ms=1", "start_on_first_command=false"),
     ("vehicle.speed_m_s=70", "vehicle.rear_cornering_stiffness_n_rad=1000", "duration_s=1e6"),
-    ("latency.downlink.order=in_order", "latency.uplink.duplicates=1", "actuator.lag_s=0.1"),
+    ("latency.downlink.order=in_order", "actuator.lag_s=0.1"),
     (
         "latency.downlink.model=gamma", "latency.downlink.mean_s=10",
         "latency.downlink.spread_s=10", "latency.downlink.correlation_time_s=1",

@@ -7,8 +7,7 @@ from typing import NamedTuple
 from ...dbc.foreign_messages import ListedMessage, read_message_set
 from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame.arbitration import arbitration_field
-from ...runtime.frame.length_with_stuff_bits import FrameBits
-from ...runtime.frame.longest_frame import longest_frame
+from ...runtime.frame.length_with_stuff_bits import FrameBits, most_frame_bits
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import SettingsError
 from .response_time_bounds import Traffic, load, wire_of, worst_response_ns
@@ -31,7 +30,7 @@ class SentMessage(NamedTuple):
     """A message on the bus.
 
     ``bound``  with the longest that any payload can be
-    ``frame``  with the longest payload found
+    ``frame``  with zeros as payload
     """
 
     bound: Traffic
@@ -95,15 +94,15 @@ def _periods_ms(periods: Sequence[str], names: Sequence[str]) -> Mapping[str, fl
 
 
 def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMessage:
-    longest = longest_frame(message.can_id, message.length, message.flags)
+    frame = Frame(message.can_id, bytes(message.length), message.flags)
     bound = Traffic(
         message.name,
-        arbitration_field(longest.frame),
-        bus.duration_ns(longest.bound),
+        arbitration_field(frame),
+        bus.duration_ns(most_frame_bits(frame)),
         round(period_ms * NS_PER_MS),
         round(bus.jitter_ms * NS_PER_MS),
     )
-    return SentMessage(bound, longest.frame)
+    return SentMessage(bound, frame)
 
 
 class Response(NamedTuple):

@@ -104,7 +104,6 @@ def record_of(responses: Sequence[Response], bus: BusSettings, load: float) -> d
             {
                 **response.message.bound._asdict(),
                 "can_id": response.message.frame.can_id,
-                "longest_payload": response.message.frame.data.hex(),
                 "bound_ns": response.bound_ns,
             }
             for response in responses

@@ -200,7 +200,6 @@ def random_line(rng: random.Random, direction: str) -> list[str]:
         "mean_s": rng.choice(means_s),
         "spread_s": 0.0 if model == "constant" else rng.choice([0.0, rng.uniform(0.0, 0.1)]),
         "loss": rng.choice([0.0, 0.0, 0.3]),
-        "duplicates": rng.choice([0.0, 0.0, 0.5, 1.0]),
         "correlation_time_s": rng.choice([0.0, 0.0, 0.02, 100.0]),
         "order": rng.choice(["newest_wins", "in_order", "as_arrives"]),
     }
@@ -275,7 +274,6 @@ def test_a_recorded_network_is_met_as_the_nodes_meet_it(tmp_path: Path) -> None:
         f'latency.uplink.trace_file="{by_frame.as_posix()}"',
         "latency.uplink.loss=0.1",
         f'latency.downlink.trace_file="{by_time.as_posix()}"',
-        "latency.downlink.duplicates=0.3",
         "latency.downlink.correlation_time_s=0.5",
     ]
     assert_same_as_nodes(plant_settings(overrides, 3.0), controller_preset("practical_pd_cdob"))

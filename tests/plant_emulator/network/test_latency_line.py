@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from itertools import count, repeat
+from itertools import count
 from typing import Any
 
 import pytest
@@ -57,7 +57,6 @@ networks = st.fixed_dictionaries(
         "correlation_time_s": st.sampled_from([0.0, 0.005, 0.1]),
         "loss": st.sampled_from([0.0, 0.1, 0.9, 1.0]),
         "burst_frames": st.sampled_from([None, 1.0, 4.0]),
-        "duplicates": st.sampled_from([0.0, 0.3, 1.0]),
         "order": st.sampled_from(["newest_wins", "in_order", "as_arrives"]),
     }
 )
@@ -76,10 +75,8 @@ def test_no_frame_is_early_and_every_frame_is_accounted_for(
     counts = tested.counts
     assert counts.pushed == 60
     assert counts.released == len(left) == tested.latency.summary().samples
-    assert counts.pushed + counts.duplicated == (
-        counts.released + counts.lost + counts.superseded + counts.overflowed
-    )
-    assert tested.injected.summary().samples == counts.pushed + counts.duplicated - counts.lost
+    assert counts.pushed == (counts.released + counts.lost + counts.superseded + counts.overflowed)
+    assert tested.injected.summary().samples == counts.pushed - counts.lost
     if network["order"] != "newest_wins":
         assert counts.superseded == 0
     assert tested.next_due_ns == NEVER_NS
@@ -142,9 +139,7 @@ def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
     network: dict[str, Any], frames: int
 ) -> None:
     stream = Counted(uniforms(1, Stream.UPLINK))
-    tested: LatencyLine[int] = LatencyLine(
-        LatencySettings.model_validate(network), stream, uniforms(1, Stream.UPLINK_DUPLICATES)
-    )
+    tested: LatencyLine[int] = LatencyLine(LatencySettings.model_validate(network), stream)
     for number in range(frames):
         tested.push([(0, number)], number, number)
     assert stream.taken == 2 * frames
@@ -153,23 +148,13 @@ def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
 def test_the_first_uniform_decides_the_loss_and_the_second_the_latency() -> None:
     def a_line(*numbers: float) -> LatencyLine[int]:
         table: dict[str, Any] = {"model": "uniform", "mean_s": 0.1, "spread_s": 0.01, "loss": 0.5}
-        return LatencyLine(LatencySettings.model_validate(table), iter(numbers), repeat(0.5))
+        return LatencyLine(LatencySettings.model_validate(table), iter(numbers))
 
     kept = a_line(0.51, 0.25)
     assert injected_ns(kept, 1) == [round((0.1 - 0.5 * 3**0.5 * 0.01) * 1e9)]
     lost = a_line(0.49, 0.25)
     lost.push([(0, 0)], 0, 0)
     assert lost.counts.lost == 1
-
-
-def test_duplicates_come_beside_the_frames_and_do_not_shift_them() -> None:
-    plain = run(line(**JITTER, order="as_arrives", loss=0.2), 400)
-    tested = line(**JITTER, order="as_arrives", loss=0.2, duplicates=0.25)
-    doubled = run(tested, 400)
-    assert set(plain) <= set(doubled)
-    assert len(doubled) - len(plain) == tested.counts.duplicated
-    assert 0.15 < tested.counts.duplicated / len(plain) < 0.35
-    assert {frame.number for frame in doubled} == {frame.number for frame in plain}
 
 
 def test_frames_that_come_at_one_instant_share_the_state_of_a_correlated_network() -> None:
@@ -201,9 +186,7 @@ def test_an_overtaken_frame_at_the_head_does_not_keep_anybody_waiting() -> None:
     """What nobody will get is dropped at once, so it is no deadline."""
     stream = (u for number in count() for u in (0.5, 0.9 if number == 0 else 0.1))
     table: dict[str, Any] = {"model": "uniform", "mean_s": 0.05, "spread_s": 0.02}
-    tested: LatencyLine[int] = LatencyLine(
-        LatencySettings.model_validate(table), stream, repeat(0.5)
-    )
+    tested: LatencyLine[int] = LatencyLine(LatencySettings.model_validate(table), stream)
     tested.push([(0, 0)], 0, 0)
     tested.push([(0, 1)], 1, 1)
     (popped,) = tested.pop_due(tested.next_due_ns)
@@ -221,7 +204,6 @@ def test_a_constant_latency_leaves_draws_and_order_as_they_are(
         uplink: LatencyLine[int] = LatencyLine(
             LatencySettings.model_validate({"mean_s": mean_s, "order": order}),
             uniforms(5, Stream.UPLINK),
-            uniforms(5, Stream.UPLINK_DUPLICATES),
         )
         left: list[Any] = []
         for number in range(numbers):
@@ -239,5 +221,5 @@ def test_a_constant_latency_leaves_draws_and_order_as_they_are(
         return [left, uplink.counts, uplink.latency.summary(), uplink.injected.summary()]
 
     short = leave(200)
-    monkeypatch.setattr(LatencyDraw, "_constant_ns", lambda _draw: ())
+    monkeypatch.setattr(LatencyDraw, "_constant_ns", lambda _draw: None)
     assert short == leave(200)

@@ -41,17 +41,6 @@ def test_a_trace_is_played_frame_by_frame_lost_ones_included(tmp_path: Path) -> 
     assert all(frame.left_ns - frame.came_ns == (frame.number % 3 + 1) * MS_NS for frame in left)
 
 
-def test_a_copy_of_a_traced_frame_has_the_latency_of_the_trace(tmp_path: Path) -> None:
-    file = tmp_path / "trace.csv"
-    file.write_text("latency_s\n0.1\n0.2\n")
-    table: dict[str, Any] = {"trace_file": file, "duplicates": 1.0, "order": "as_arrives"}
-    left = run(line(**table), 10)
-    assert len(left) == 20
-    assert all(
-        frame.left_ns - frame.came_ns == (frame.number % 2 + 1) * 100 * MS_NS for frame in left
-    )
-
-
 def test_a_trace_over_time_follows_the_time_of_motion(tmp_path: Path) -> None:
     file = tmp_path / "trace.csv"
     file.write_text("time_s,latency_s\n0,0.001\n0.02,0.002\n")

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from steer_by_wire.plant_emulator.network.latency_over_time import (
     LATENCY_S_MAX,
-    ProfilePoint,
     Shape,
     Trace,
     profile_at,
@@ -18,10 +17,10 @@ from steer_by_wire.plant_emulator.network.latency_over_time import (
 from steer_by_wire.runtime.settings import SettingsError
 
 POINTS = (
-    ProfilePoint(1.0, 0.01, 0.001, 0.0),
-    ProfilePoint(2.0, 0.03, 0.003, 0.2),
-    ProfilePoint(2.0, 0.10, 0.000, 0.4),
-    ProfilePoint(4.0, 0.20, 0.010, 0.0),
+    (1.0, 0.01, 0.001, 0.0),
+    (2.0, 0.03, 0.003, 0.2),
+    (2.0, 0.10, 0.000, 0.4),
+    (4.0, 0.20, 0.010, 0.0),
 )
 
 every_shape = pytest.mark.parametrize("shape", Shape)

@@ -22,11 +22,7 @@ class Leaving(NamedTuple):
 
 
 def line(seed: int = 1, **table: Any) -> LatencyLine[int]:
-    return LatencyLine(
-        LatencySettings.model_validate(table),
-        uniforms(seed, Stream.UPLINK),
-        uniforms(seed, Stream.UPLINK_DUPLICATES),
-    )
+    return LatencyLine(LatencySettings.model_validate(table), uniforms(seed, Stream.UPLINK))
 
 
 def run(

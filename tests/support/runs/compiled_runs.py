@@ -20,12 +20,6 @@ NETWORKS: dict[str, Sequence[str]] = {
     "gamma": ("downlink.model=gamma", "downlink.mean_s=0.16", "downlink.spread_s=0.05"),
     "lossy": ("downlink.loss=0.1", "uplink.loss=0.1", "uplink.mean_s=0.02"),
     "bursts": ("uplink.loss=0.3", "uplink.burst_frames=200", "downlink.mean_s=0.04"),
-    "duplicates": (
-        "downlink.model=gamma",
-        "downlink.mean_s=0.05",
-        "downlink.spread_s=0.05",
-        "downlink.duplicates=0.2",
-    ),
     "in order": (
         "downlink.model=gamma",
         "downlink.mean_s=0.08",
@@ -44,7 +38,7 @@ NETWORKS: dict[str, Sequence[str]] = {
     ),
     "nothing to correlate": ("downlink.mean_s=0.05", "downlink.correlation_time_s=0.5"),
     "lognormal schedule": (
-        *("uplink.model=lognormal", "uplink.duplicates=0.3"),
+        "uplink.model=lognormal",
         "uplink.schedule=[{time_s=0.0, mean_s=0.02, spread_s=0.01},"
         " {time_s=3.0, mean_s=0.05, loss=0.2}]",
     ),

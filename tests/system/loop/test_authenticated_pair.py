@@ -50,7 +50,6 @@ ROUGH = LatencySettings(
     spread_s=0.03,
     loss=0.02,
     order=Order.AS_ARRIVES,
-    duplicates=0.02,
 )
 PLANT_SETTINGS = PlantSettings(
     duration_s=DURATION_S,

@@ -156,9 +156,7 @@ def test_without_latency_the_loop_is_the_textbook_s_bit_for_bit(
     assert node_loop == textbook_loop(plant, controller)
 
 
-JITTER = LatencySettings(
-    model=Distribution.GAMMA, mean_s=0.04, spread_s=0.02, loss=0.02, duplicates=0.05
-)
+JITTER = LatencySettings(model=Distribution.GAMMA, mean_s=0.04, spread_s=0.02, loss=0.02)
 
 
 def candump(path: Path, seed: int) -> bytes:

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.plant_emulator.command_line.check_option import check_text
 from steer_by_wire.plant_emulator.path.portable_trigonometry import arctan, cos_sin
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.plant_emulator.vehicle.car.car_design import car_params
@@ -220,8 +219,12 @@ def test_portable_functions_have_their_stated_error(
     assert max(abs(ours(float(x)) - exact(float(x))) for x in points) <= error
 
 
-def test_check_says_how_much_grip_the_path_takes() -> None:
+def test_a_turn_takes_a_share_of_the_grip_or_is_refused() -> None:
     # 1.379 m/s² of 1.173 times 9.81.
-    assert "grip used there      12 %" in check_text(plant_preset("large_sedan"))
-    tight = plant_preset("large_sedan", ["path={kind='circle', radius_m=20}"])
-    assert "drive more slowly, on a gentler bend or on more friction" in check_text(tight)
+    settings = plant_preset("large_sedan")
+    assert settings.car is not None
+    speed_m_s = settings.vehicle.speed_m_s
+    turn = steady_turn(settings.vehicle, settings.car, speed_m_s, 1.379 / speed_m_s**2)
+    assert turn.grip_share == pytest.approx(0.12, abs=0.005)
+    with pytest.raises(ValueError, match="drive more slowly, on a gentler bend or on more fric"):
+        steady_turn(settings.vehicle, settings.car, speed_m_s, 1 / 20)
