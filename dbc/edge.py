@@ -82,7 +82,6 @@ def _of_car(end: End, options: argparse.Namespace, car: "Dialect") -> Edge:
 
 
 def _say_refused(name: str, report: Mapping[str, Any]) -> None:
-    """Name refused frames."""
     if secured := report["rejected"].get(Refused.NO_KEY.value):
         why = "their sender has a key, this end has none"
         say(name, f"frames refused: {secured}, as {why} (--key-file)", sys.stderr)

@@ -366,7 +366,6 @@ def installation(*libraries: str) -> str:
 
 
 def _extra_of(library: str, requirements: Iterable[str]) -> str:
-    """Return the extra that brings a library; empty for a required or unknown one."""
     for requirement in requirements:
         if requirement.lower().startswith(library.lower().replace("_", "-")):
             return requirement.partition('extra == "')[2].partition('"')[0]

@@ -144,7 +144,6 @@ def _has_two_rates(settings: ControllerSettings) -> bool:
 
 
 def _delay_ns_max(settings: ControllerSettings, design: LawDesign) -> int:
-    """Return the largest delay that is searched."""
     if design.looking_back is not None:
         return min(DELAY_NS_MAX, FILTER_PERIODS_MAX * settings.period_ns)
     if _has_two_rates(settings):
@@ -198,7 +197,6 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
 
 
 def _two_rates(settings: ControllerSettings) -> LookingBack:
-    """Return the opening lines for a loop whose measurements have a rate of their own."""
     control_ms, sensor_ms = settings.period_ns / NS_PER_MS, settings.link.sensor_period_ms
     return LookingBack(
         (

@@ -203,7 +203,6 @@ def _jitter(means: Sequence[Figures]) -> Iterator[str]:
 
 
 def _wrapped(heading: str, ranges: Sequence[str]) -> Iterator[str]:
-    """Return ranges in lines of a few each, the first line behind a heading."""
     for start in range(0, len(ranges), _RANGES_PER_LINE):
         line = ", ".join(ranges[start : start + _RANGES_PER_LINE])
         more = "," if start + _RANGES_PER_LINE < len(ranges) else ""

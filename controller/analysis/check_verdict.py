@@ -74,7 +74,6 @@ def found_in(figures: Mapping[str, Any]) -> Found:
 
 
 def _lost(where: str, margin_s: float, declared_s: float) -> Found:
-    """Return the verdict on a loop whose stability is lost at some delay."""
     if margin_s == 0.0:
         return Found(CheckVerdict.NOT_STABLE, margin_s, f"{where}, even without delay")
     margin = f"{in_ms(margin_s, math.floor)} ms"

@@ -153,7 +153,6 @@ def without_idle_states(system: LinearSystem) -> LinearSystem:
 
 
 def _with(system: LinearSystem, kept: NDArray[np.bool_]) -> LinearSystem:
-    """Return the system of some of its states alone."""
     return LinearSystem(
         system.a[np.ix_(kept, kept)],
         system.b[kept],

@@ -129,6 +129,5 @@ def _two(sections: tuple[Section, ...]) -> Cascade2:
 
 
 def _three(sections: tuple[Section, ...]) -> Cascade3:
-    """Return three sections, the missing ones filled with IDENTITY."""
     first, second, third = sections + (IDENTITY,) * (3 - len(sections))
     return first, second, third

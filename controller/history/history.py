@@ -232,7 +232,6 @@ def _tick_of(rings: History, commands: Commands, applied_counter: int, status: i
 
 
 def _is_late(p: HistoryParams, echoes: Echoes, now_ns: int) -> bool:
-    """Whether the newest echo is too old to show the present delay."""
     return echoes.sample >= 0 and now_ns - echoes.arrival_ns > p.limits.steering_status_ns
 
 

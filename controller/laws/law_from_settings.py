@@ -66,7 +66,6 @@ def design_law(settings: "LawSettings") -> LawDesign:
 
 
 def _alone(law: Law, settings: "LawSettings") -> LawDesign:
-    """Return a law without any additions around it."""
     designed = law.design(settings)
     params_at = designed.at if isinstance(designed, Schedule) else None
     params = designed if params_at is None else params_at(0.0)
@@ -109,7 +108,6 @@ def _guarded(law: Law, settings: "LawSettings") -> LawDesign:
 
 
 def _with_feed_forward(law: LawDesign, settings: "LawSettings", gain: float) -> LawDesign:
-    """Return a law with the steer for the curve added to its command."""
     steady, fade_step_rad = steady_steer(vehicle_of(settings), gain), FADE_RAD_S / settings.rate_hz
     around = _with_params(law, lambda inside: FeedForwardParams(inside, steady, fade_step_rad))
     return around._replace(

@@ -394,7 +394,6 @@ class ControllerNode:
 
     @property
     def _fault(self) -> ControllerFault:
-        """The permanent fault, as ControllerFault."""
         if self._law.is_distrusted:
             return ControllerFault.LAW_FAILED
         if self._overruns.failure:
@@ -402,7 +401,6 @@ class ControllerNode:
         return ControllerFault.IMPLAUSIBLE if self._is_stopped else _NO_FAULT
 
     def _model_frame(self) -> Sequence[Frame]:
-        """Return MODEL_STATUS of a law that steers by a model."""
         belief = self._law.belief
         if belief is None:
             return ()

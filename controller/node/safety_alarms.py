@@ -180,7 +180,6 @@ class SafetyReport:
         return self._sender.frame(controller_safety(facts, lost))
 
     def _facts_at(self, fault: ControllerFault, now_ns: int) -> SafetyFacts:
-        """Return the facts."""
         received, modes, validity = self._received, self._modes, self.validity
         found_from = (
             received.reception.refused, received.unauthenticated, fault, validity,

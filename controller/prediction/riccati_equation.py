@@ -84,5 +84,4 @@ def _gain(p: Matrix, h: Matrix, r: Matrix) -> Matrix:
 
 
 def _later(a: Matrix, p: Matrix, q: Matrix) -> Matrix:
-    """Return A P Aᵀ + Q."""
     return product(product(a, p), transposed(a)) + q

@@ -114,7 +114,6 @@ class MessageCodec(Generic[MessageT]):
         return bytes(payload)
 
     def _cannot_send(self, message: MessageT, counter: int) -> EncodeError:
-        """Return why a message or its counter cannot be packed."""
         for value, signal in zip(message, self._signals.values(), strict=True):
             try:
                 is_carried = signal.raw_minimum <= signal.to_raw(value) <= signal.raw_maximum

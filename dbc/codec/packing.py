@@ -177,12 +177,10 @@ def _unpack_lines(data_id: int | None, signals: Mapping[str, PackedSignal]) -> l
 
 
 def _raw_of(name: str, signal: PackedSignal) -> str:
-    """Return the raw of a number."""
     return f"round({name} / {signal.resolution!r})" if signal.kind is float else f"index({name})"
 
 
 def _carried(name: str, signal: PackedSignal) -> str:
-    """Return the condition that a signal can carry a raw, or a member of an enum."""
     in_range = f"{signal.raw_minimum} <= {name} <= {signal.raw_maximum}"
     if not issubclass(signal.kind, IntEnum):
         return in_range
@@ -206,7 +204,6 @@ def _raw_in_word(signal: PackedSignal) -> str:
 
 
 def _in_range(name: str, signal: PackedSignal) -> str:
-    """Return the condition that a raw is in its range or its enum; empty if every raw is."""
     if issubclass(signal.kind, IntEnum):
         return f"{name} in of_{name}"
     low = f"{signal.raw_minimum} <= " if signal.raw_minimum > -signal.sign else ""
@@ -215,7 +212,6 @@ def _in_range(name: str, signal: PackedSignal) -> str:
 
 
 def _value_of(name: str, signal: PackedSignal) -> str:
-    """Return the value of a raw that is in its range."""
     if issubclass(signal.kind, IntEnum):
         return f"of_{name}[{name}]"
     return f"{name} * {float(signal.resolution)!r}" if signal.kind is float else name

@@ -107,7 +107,6 @@ def _signal_layout(message: Message, signal: Signal) -> SignalLayout:
 
 
 def _data_id(message: Message) -> int | None:
-    """The E2E Data ID of ``message``, None if it is not protected."""
     attributes = message.dbc.attributes if message.dbc else {}
     header = header_bits(message.name)
     if "E2EDataId" not in attributes:

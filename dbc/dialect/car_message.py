@@ -198,7 +198,6 @@ class CarMessage:
         return ", ".join(f"{name} {_short(value)}" for name, value in decoded.items())
 
     def _raw(self, data: bytes) -> dict[str, float] | None:
-        """Return the raw values in a frame that is valid."""
         if isinstance(self.read(data), Refused):
             return None
         raw: Any = self._message.decode(data, decode_choices=False, scaling=False)
@@ -215,7 +214,6 @@ class CarMessage:
                     yield name, raw
 
     def _sealed(self, raw: Mapping[str, float]) -> bytes:
-        """Return the data of raw values with their checksum."""
         rule = self.settings.checksum
         if rule is not None:
             bare = self._encoded({**raw, rule.signal: 0})
@@ -281,7 +279,6 @@ LARGEST_FLOATS = MappingProxyType(
 
 
 def _raw_range(signal: Signal) -> tuple[float, float]:
-    """Return the least and the largest raw value that fits into a signal."""
     bits = signal.length
     if signal.is_float:
         return -LARGEST_FLOATS[bits], LARGEST_FLOATS[bits]
@@ -299,7 +296,6 @@ def signal_range(signal: Signal) -> tuple[float, float]:
 
 
 def _raw_of(signal: Signal, scaled: float) -> float:
-    """Return the raw value nearest to a scaled one."""
     least, largest = _raw_range(signal)
     raw = min(max((scaled - signal.offset) / signal.scale, least), largest)
     return raw if signal.is_float else round(raw)

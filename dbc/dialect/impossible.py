@@ -79,7 +79,6 @@ def refuses_itself(message: CarMessage) -> str:
 
 
 def _named(settings: MessageSettings) -> list[tuple[str, str]]:
-    """Return the keys that name a signal, and its name."""
     rule = settings.checksum
     return [
         *((f"signals.{name}", name) for name in settings.signals),

@@ -99,7 +99,6 @@ def _carries(message: Message, quantity: Quantity) -> bool:
 
 
 def _guesses(message: Message, sender: str) -> Iterator[Guess]:
-    """Yield the signals that may carry what this end sends."""
     for signal in message.signals:
         quantity = _quantity_in(signal)
         if quantity is not None and (quantity is Quantity.STEER) == (sender == End.CONTROLLER):
@@ -148,7 +147,6 @@ def _unit_of(signal: Signal) -> str:
 
 
 def _key(name: str) -> str:
-    """Return a name as TOML takes it for a key."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _quoted(name)
 
 

@@ -211,5 +211,4 @@ def nearest(known: int, low: int, bits: int) -> int:
 
 
 def _freshness(challenge: bytes, counter: int) -> int:
-    """The freshness value of a frame that is bound to ``challenge``."""
     return int.from_bytes(challenge, "big") << COUNTER_BITS | counter

@@ -110,7 +110,6 @@ def _obstacle(found: os.stat_result, user: int) -> str:
 
 
 def _parsed(text: bytes) -> bytes | None:
-    """Return the key in ``text``; None if it is not a key."""
     digits = text.removesuffix(b"\n").removesuffix(b"\r")
     if len(digits) != _DIGITS:
         return None

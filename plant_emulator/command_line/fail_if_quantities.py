@@ -31,7 +31,6 @@ def _verdict(report: Report) -> str | None:
 
 
 def _warnings(report: Report) -> int:
-    """Count the lines of the summary that begin with ``warning``."""
     node = report["node"]
     return len(node["warnings"]) + bool(node["second_senders"])
 

@@ -85,7 +85,6 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _conclude(options: argparse.Namespace, node: PlantNode) -> None:
-    """Write the trace, and print how well the path was held."""
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples, node.interventions.marks())
     for heading, text in plant_summary(node.report()):

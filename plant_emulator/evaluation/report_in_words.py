@@ -135,7 +135,6 @@ def _in_corridor(node: Report) -> str:
 
 
 def _within(node: Report) -> str:
-    """Return how near the body came to an edge of its corridor; empty without one."""
     if node["corridor"] is None:
         return ""
     free = _millimetres(-node["corridor"]["outside_m"])

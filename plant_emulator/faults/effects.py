@@ -137,7 +137,6 @@ def _noise(p: FaultSettings, x: FaultMemory, frame: Frame) -> Sequence[Frame]:
 
 
 def _changing(change: Callable[[FaultSettings, FaultMemory, float], float]) -> Effect:
-    """Return the effect that changes the value of the signal."""
     return lambda p, x, frame: (_changed(p, x, frame, lambda _name, value: change(p, x, value)),)
 
 

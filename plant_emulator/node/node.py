@@ -371,12 +371,10 @@ class PlantNode:
         return motion_ns
 
     def _fail(self, failure: str, due_ns: int) -> None:
-        """Process a fault of the plant: the steering goes to its safe state."""
         self._own_fault.on_fault(failure, due_ns)
         self._unit.on_own_fault(self._own_fault.failure, self._motion_ns(due_ns))
 
     def _apply(self, due_ns: int) -> None:
-        """Apply the commands that are due."""
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
             latency_s = (left_ns - came_ns) * 1e-9
             if isinstance(released, HandWheelFeedback):
@@ -410,7 +408,6 @@ class PlantNode:
         return False
 
     def _guard(self, due_ns: int) -> None:
-        """Let the control unit react to missing commands."""
         if self._unit.on_timer(self._motion_ns(due_ns), self._seen):
             self._advance(due_ns)
             self._motion.command(self._unit.target_rad)
@@ -423,7 +420,6 @@ class PlantNode:
             self._motion.brake(stop_m_s2 if self._unit.stops else 0.0)
 
     def _sense(self, time_ns: int) -> None:
-        """Sample the vehicle and put the messages into the uplink."""
         motion_ns = self._advance(time_ns)
         self._own_fault.on_sample(self._sensor_timer, time_ns)
         if self._own_fault.failure:
@@ -455,7 +451,6 @@ class PlantNode:
         self._sampling.send(applied, code, time_ns, motion_ns)
 
     def _sense_force(self, time_ns: int) -> None:
-        """Sample the force on the rack and put STEERING_FORCE into the uplink."""
         motion_ns, table = self._advance(time_ns), self._settings.steering_force
         if table is None:
             return
@@ -467,7 +462,6 @@ class PlantNode:
         self._network.uplink.push([(frame.can_id, frame)], time_ns, motion_ns)
 
     def _status_frame(self, safety: SafetyState, now_ns: int) -> Frame:
-        """Return PLANT_STATUS."""
         refused = self._reception.refused + self._unauthenticated
         second_sender = self._reception.second_sender(now_ns)
         return self._status_frames.frame(self._network, refused, safety, second_sender)

@@ -53,7 +53,6 @@ def settings_without_effect(
 def _times(
     settings: PlantSettings, traces_s: Mapping[str, Sequence[float]]
 ) -> Iterator[tuple[str, float]]:
-    """Yield what begins at a time of motion, and that time."""
     for number, fault in enumerate(settings.faults):
         yield f"faults[{number}] ({fault.kind}) never acted,", fault.onset_s
     for number, step in enumerate(settings.disturbance.all_steps):
@@ -95,7 +94,6 @@ def undrivable_by(settings: PlantSettings, path: Path) -> str:
 
 
 def _car(car: CarSettings, motion_s: float, driven_m: float) -> Iterator[str]:
-    """Yield what of a car's road and profile it never came to."""
     for number, patch in enumerate(car.grip):
         if patch.from_m >= driven_m:
             yield f"car.grip[{number}] never acted: the car drove {driven_m:.4g} m"

@@ -114,7 +114,6 @@ def _curvature(points: CurvePoints) -> FloatArray:
 
 
 def _speed(points: CurvePoints) -> FloatArray:
-    """Return the arc length per unit of the parameter."""
     speed: FloatArray = np.sqrt(points.dx * points.dx + points.dy * points.dy)
     return speed
 

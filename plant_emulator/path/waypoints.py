@@ -99,7 +99,6 @@ def path_through(
 
 
 def _apart(points: Sequence[tuple[float, float]], spacing_min_m: float) -> list[int]:
-    """Return the indices of the points that lie apart from the one kept before."""
     kept: list[int] = []
     for index, (x, y) in enumerate(points):
         if kept:

@@ -97,7 +97,6 @@ class SensorFrames:
         return self._paths.frame(PathAhead(path_sample=sample, path_spacing_m=spacing_m, **values))
 
     def _clamp(self, value: float, allowed: SignalRange) -> float:
-        """Return the nearest value within the signal's range; the value is finite."""
         if allowed.minimum <= value <= allowed.maximum:
             return value
         self.clamped += 1

@@ -171,7 +171,6 @@ class SteeringUnit:
         }
 
     def _silence_until_ns(self, now_ns: int) -> int:
-        """Return the longest silence up to now; the one that lasts included."""
         silence_ns = now_ns - self._command_ns
         return silence_ns if silence_ns > self._longest_silence_ns else self._longest_silence_ns
 
@@ -197,7 +196,6 @@ class SteeringUnit:
         self.safety = safety
 
     def _note_mode(self, state: GuardState, now_ns: int, cause: str) -> None:
-        """Note a change of the mode, with what caused it."""
         if state.mode == self._state.mode:
             return
         mode = GuardMode(state.mode)

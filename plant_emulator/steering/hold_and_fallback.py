@@ -220,5 +220,4 @@ def is_overruled(x: GuardState) -> bool:
 
 
 def _towards_zero(value: float, step: float) -> float:
-    """Return ``value`` moved towards zero by at most ``step``."""
     return value - min(max(value, -step), step)

@@ -142,7 +142,6 @@ def _bound(limit: Limit) -> float:
 
 
 def _settling_s(actuator: ActuatorSettings, reach_rad: float) -> float:
-    """Return the time that an intact actuator takes from stop to stop."""
     rate_rad_s = actuator.rate_limit_rad_s
     ramp_s = 0.0 if rate_rad_s is None else 2.0 * reach_rad / rate_rad_s
     return ramp_s + _LAGS_TO_SETTLE * actuator.lag_s + actuator.dead_time_s

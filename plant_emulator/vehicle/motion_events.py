@@ -145,13 +145,11 @@ def _curvature_along(p: MotionParams, place: Place) -> tuple[float, float]:
 
 
 def _place_end_ns(p: MotionParams, place: Place) -> int:
-    """Return when a piece of the path ends."""
     end_s = end_of_place_m(p.path, place) / p.speed_m_s
     return NEVER_NS if end_s == math.inf else round(end_s * NS_PER_S)
 
 
 def _interval_end_ns(p: MotionParams, interval: int) -> int:
-    """Return when an interval of the disturbances ends."""
     later = interval + 1
     return p.intervals[later].start_ns if later < len(p.intervals) else NEVER_NS
 

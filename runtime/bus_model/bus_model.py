@@ -231,7 +231,6 @@ class BusModel:
         self._on_wire, self._end_ticks, self._settled_ticks = on_wire, end_ticks, now_ticks
 
     def _complete(self, sent: Waiting, end_ticks: int) -> None:
-        """Count a frame that came through, and deliver it."""
         end_ns, traffic = -(-end_ticks // self._ticks_per_ns), self._traffic
         if traffic is None or sent.sender >= 0:
             self._completed.append(Delivery(end_ns, sent.sender, sent.frame))

@@ -152,7 +152,6 @@ class Broker:
                 self._submit(member, now_ns)
 
     def _accept(self, now_ns: int) -> None:
-        """Admit a new client if there is a place for it."""
         try:
             connection, _ = self._listener.accept()
         except (BlockingIOError, ConnectionError):
@@ -191,7 +190,6 @@ class Broker:
             self._submit(client, now_ns)
 
     def _welcome(self, client: Connection, hello: Hello, now_ns: int) -> None:
-        """Let a client join the channel it asks for, or refuse it."""
         reason = self._obstacle(hello)
         if reason:
             self._refuse(client, reason)
@@ -224,7 +222,6 @@ class Broker:
         return Answer(self._bitrate_bit_s, self._data_bitrate_bit_s or 0, reason)
 
     def _refuse(self, client: Connection, reason: str) -> None:
-        """Report to a client why it cannot join, and close."""
         client.queue(self._answer(reason).pack())
         self._flush(client)
         self._drop(client, Cause.REFUSED, f"refused: {reason}")

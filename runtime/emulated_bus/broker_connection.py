@@ -162,14 +162,12 @@ class Connection:
             )
 
     def _remove(self, size: int) -> bytes:
-        """Remove and return the first ``size`` bytes of the input."""
         taken = bytes(self._incoming[:size])
         del self._incoming[:size]
         return taken
 
 
 def _process_of(connection: socket.socket) -> str:
-    """Return the process at the other end, as text; empty if unknown."""
     if sys.platform != "linux" or connection.family != socket.AF_UNIX:
         return ""
     peer = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)

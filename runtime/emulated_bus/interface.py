@@ -110,7 +110,6 @@ class EmulatedBus(can.BusABC):
         return _received_message(frame, time_ns, self._channel), False
 
     def _next_record(self, timeout: float | None) -> bytes | None:
-        """Return the next record, or None when none is complete within ``timeout`` [s]."""
         try:
             # Without waiting, one system call is enough.
             waits = timeout is None or timeout > 0
@@ -231,7 +230,6 @@ def join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer]
 
 
 def _receive_exactly(connection: socket.socket, size: int) -> bytes:
-    """Receive ``size`` bytes; raises OSError or ProtocolError."""
     received = b""
     while len(received) < size:
         part = connection.recv(size - len(received))
@@ -264,7 +262,6 @@ def _sent_frame(message: can.Message) -> Frame:
 
 
 def _received_message(frame: Frame, time_ns: int, channel: str) -> can.Message:
-    """Return the message of a frame that ended at ``time_ns`` of the wall clock."""
     message = message_of(frame)
     message.timestamp = time_ns * 1e-9
     message.channel = channel

@@ -154,7 +154,6 @@ def check_frame(frame: Frame) -> None:
 
 
 def _frame(can_id: int, data: bytes, length: int, flags: int) -> Frame:
-    """Return the frame of a record; raises ProtocolError for a length beyond its data."""
     if length > len(data):
         raise ProtocolError(f"a record with {length} bytes in {len(data)}")
     if flags & REMOTE:
@@ -163,5 +162,4 @@ def _frame(can_id: int, data: bytes, length: int, flags: int) -> Frame:
 
 
 def _text(raw: bytes) -> str:
-    """Return the text in a field filled up with zeros."""
     return raw.rstrip(b"\0").decode(errors="replace")

@@ -196,7 +196,6 @@ def frame_bits(frame: Frame) -> FrameBits:
 
 
 def _classic_bits(can_id: int, data: bytes, dlc: int, flags: int) -> int:
-    """Length of a classic frame [bits]."""
     register, row, total = _after_header(can_id, dlc, flags)
     for byte in data:
         register = _CRC15_TABLE[register >> 7 ^ byte] ^ (register << 8 & 0x7FFF)
@@ -302,7 +301,6 @@ def most_frame_bits(frame: Frame) -> FrameBits:
 
 
 def _fd_check_bits(data: bytes) -> int:
-    """Stuff count, CRC and CRC delimiter of an FD frame."""
     return _FD_SHORT_CHECK_BITS if len(data) <= _FD_SHORT_MAX else _FD_LONG_CHECK_BITS
 
 

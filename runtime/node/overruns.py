@@ -151,14 +151,12 @@ class OverrunSupervision:
 
 
 def _replaced(ring: bytearray, index: int, value: int) -> int:
-    """Put a value into a ring; returns the one in its place."""
     place = index % len(ring)
     left, ring[place] = ring[place], value
     return left
 
 
 def _in_words(p: OverrunRule, x: Overruns) -> str:
-    """Return which limit is exceeded."""
     if x.overruns > p.overruns_max:
         return (
             f"{x.overruns} of the last {min(x.ticks, p.window_ticks)} ticks overran, allowed are "

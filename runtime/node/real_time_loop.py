@@ -142,7 +142,6 @@ class RealTimeExecutor:
             self._duration_ns = before_ns - start_ns
 
     def _wait(self, before_ns: int) -> Received | None:
-        """Return the next frame, or None after the deadline or WAIT_NS_MAX."""
         wait_ns = min(self._node.deadline_ns - before_ns, WAIT_NS_MAX)
         return self._port.recv(max(wait_ns, 0) / NS_PER_S)
 

@@ -67,7 +67,6 @@ class DurationStatistics:
         self._count_waiting()
 
     def _count_waiting(self) -> None:
-        """Move the waiting durations into their bins."""
         if not self._waiting:
             return
         least_ns = min(self._waiting)

@@ -65,7 +65,6 @@ class Connection:
         self._port.shutdown()
 
     def _count(self, error_frame: Frame) -> None:
-        """Count an error frame; raises BusError for a bus-off."""
         causes = error_causes(error_frame) if self._opened.is_socketcan else (UNSPECIFIED,)
         is_off = BUS_OFF in causes
         if is_off and self._opened.has_carrier and has_carrier(self._opened.channel):

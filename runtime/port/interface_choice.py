@@ -98,7 +98,6 @@ def choose_bus(namespace: argparse.Namespace) -> Choice:
 
 
 def _configured(name: str, load: Callable[[], Any]) -> Mapping[str, Any]:
-    """Return what python-can loads; raises BusError for what it cannot read."""
     try:
         found = load()
         if not isinstance(found, Mapping):

@@ -72,7 +72,6 @@ def open_bus(namespace: argparse.Namespace, choice: Choice) -> tuple[can.BusABC,
 
 
 def _cause(error: BaseException) -> str:
-    """Return why an interface cannot be opened, in words for its user."""
     text = one_line(error)
     # What python-can's interfaces raise where the vendor's library is not there.
     if isinstance(

@@ -111,7 +111,6 @@ def load_program_settings(
 
 
 def _recording_file(text: str) -> Path:
-    """Read the name of a recording."""
     path = output_file(text)
     if obstacle := recording_obstacle(path):
         raise argparse.ArgumentTypeError(obstacle)

@@ -98,7 +98,6 @@ def _timer_slack() -> HostAnswer:
 
 
 def _call_libc(function: str, *arguments: int) -> str:
-    """Call a function of the C library; returns the reason of a failure, or an empty text."""
     if sys.platform != "linux":
         return "only on Linux"
     call = getattr(ctypes.CDLL(None, use_errno=True), function)

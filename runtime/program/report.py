@@ -80,7 +80,6 @@ def json_text(content: Mapping[str, Any]) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """Return ``value`` with None for every number that JSON does not have."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

@@ -201,14 +201,12 @@ def _path_in(data: Mapping[str, Any], location: KeyPath, kind: str) -> KeyPath:
 
 
 def _children(value: Any) -> Mapping[str | int, Any]:
-    """Return the values inside a table by key, inside a list by index."""
     if isinstance(value, list):
         return dict(enumerate(value))
     return value if isinstance(value, dict) else {}
 
 
 def _source(sources: Mapping[KeyPath, str], path: KeyPath) -> str:
-    """Return the source of the key at ``path``, or of the nearest table above it."""
     while path not in sources:
         path = path[:-1]
     return sources[path]
@@ -221,7 +219,6 @@ def dotted(path: KeyPath) -> str:
 
 
 def _shown(value: Any) -> str:
-    """Return a value on one line, shortened if it is long."""
     text = json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= _VALUE_LENGTH_MAX else f"{text[:_VALUE_LENGTH_MAX]}..."
 
@@ -237,7 +234,6 @@ def _schemas_at(root: Schema, path: KeyPath, data: Any) -> Sequence[Schema]:
 
 
 def _child(schema: Schema, step: str | int) -> Schema | None:
-    """Return the schema of one key of a table or of one item of a list, if it has one."""
     if isinstance(step, str):
         child = schema.get("properties", {}).get(step, schema.get("additionalProperties"))
     else:
@@ -268,12 +264,10 @@ def _alternatives(root: Schema, schema: Schema, data: Any) -> Iterator[Schema]:
 
 
 def _texts(schemas: Sequence[Schema]) -> Iterable[str]:
-    """Return each of ``schemas`` that has limits, in words."""
     return dict.fromkeys(filter(None, map(_in_words, schemas)))
 
 
 def _in_words(schema: Schema) -> str:
-    """Return a schema in words: its choices, or its type and its limits."""
     if "const" in schema:
         return str(schema["const"])
     if "enum" in schema:

@@ -91,12 +91,10 @@ def convert_cells(
 
 
 def _rows(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """Yield number and text of the lines that hold something."""
     for number, line in enumerate(lines, start=1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield number, _COMMENT.sub("", line)
 
 
 def _cells(text: str, separator: str | None) -> list[str]:
-    """Return the cells of a row; without a separator they stand between blanks."""
     return [cell.strip().strip('"') for cell in text.split(separator)]

@@ -180,7 +180,6 @@ def with_values(
 
 
 def _plain(value: Any) -> Any:
-    """Return a value in a form that JSON has."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     return value.tolist() if hasattr(value, "tolist") else str(value)  # NumPy's
@@ -192,7 +191,6 @@ def _checked(
     sources: dict[KeyPath, str],
     context: Mapping[str, Any] | None,
 ) -> S:
-    """Return the settings of merged tables; raises SettingsError."""
     try:
         # As JSON: there "strict" still accepts lists for tuples and words for enums.
         return model.model_validate_json(
@@ -243,7 +241,6 @@ def _refuse_changed_files(digests: Path) -> None:
 
 
 def _parse(text: str, source: str) -> dict[str, Any]:
-    """Return the tables of a TOML ``text``; raises SettingsError naming the line."""
     try:
         with bounded(source):
             tables = tomllib.loads(text)
@@ -265,7 +262,6 @@ def _parse(text: str, source: str) -> dict[str, Any]:
 
 
 def _refuse_monsters(tables: dict[str, Any], source: str) -> None:
-    """Refuse nesting and integers beyond the limits; raises SettingsError."""
     waiting: list[tuple[KeyPath, Any]] = [((), tables)]
     while waiting:
         path, value = waiting.pop()
@@ -280,7 +276,6 @@ def _refuse_monsters(tables: dict[str, Any], source: str) -> None:
 
 
 def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
-    """Return ``table.key=value`` texts as tables, later ones on top; raises SettingsError."""
     tables: dict[str, Any] = {}
     for override in overrides:
         if override != override.encode(errors="ignore").decode():  # its other bytes are surrogates
@@ -295,7 +290,6 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
 
 
 def _set(tables: dict[str, Any], keys: Sequence[str], value: Any, source: str) -> None:
-    """Set a value by the keys that lead to it; raises SettingsError."""
     *parents, key = keys
     for parent in parents:
         tables = tables.setdefault(parent, {})
@@ -305,7 +299,6 @@ def _set(tables: dict[str, Any], keys: Sequence[str], value: Any, source: str) -
 
 
 def _parse_value(text: str) -> Any:
-    """Return the TOML value that ``text`` is, or else ``text`` as a string."""
     try:
         with bounded(COMMAND_LINE):
             document = tomllib.loads(f"value = {text}")

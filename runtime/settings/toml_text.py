@@ -19,7 +19,6 @@ def dump_toml(settings: Settings, leave_out: Collection[str] = ()) -> str:
 
 
 def _toml_table(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    """Return the lines of a table: its values, then its tables, each under its header."""
     lines = [
         f"{_toml_key(key)} = {_toml_value(value)}"
         for key, value in table.items()
@@ -33,7 +32,6 @@ def _toml_table(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
 
 
 def _toml_key(key: str) -> str:
-    """Return ``key``, quoted where TOML needs it."""
     return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml_value(key)
 
 
