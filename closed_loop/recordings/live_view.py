@@ -14,19 +14,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from ...dbc.listening import OUR_MESSAGES, Listening
-from ...dbc.messages import (
-    ControllerSafety,
-    ControllerStatus,
-    DelayStatus,
-    LateralError,
-    Message,
-    ModelStatus,
-    PlantStatus,
-    SteeringCommand,
-    SteeringStatus,
-    SteeringStatusCode,
-    VehicleState,
-)
+from ...dbc.messages import Message, SteeringCommand, SteeringStatus, SteeringStatusCode
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, Taken
@@ -96,8 +84,19 @@ class MessageView(NamedTuple):
     is_stale: bool
 
 
+class Newest(NamedTuple):
+    """The newest message of each type; of a plan, the command that it is."""
+
+    messages: Mapping[type, Message]
+
+    def of(self, kind: type[_M]) -> _M | None:
+        """Return that of a type; None without one."""
+        message = self.messages.get(kind)
+        return message if isinstance(message, kind) else None
+
+
 class View(NamedTuple):
-    """Everything the monitor shows; None for what was not received yet.
+    """Everything the monitor shows.
 
     ``cg_deviation_m``  of the centre of gravity; NaN where it is not known yet
     ``round_trip_s``    the newest; NaN where there is none of the last second
@@ -105,18 +104,9 @@ class View(NamedTuple):
     """
 
     elapsed_s: float
-    frames: int
     frames_per_s: float
-    error: LateralError | None
+    newest: Newest
     cg_deviation_m: float
-    command: SteeringCommand | None
-    steering: SteeringStatus | None
-    vehicle: VehicleState | None
-    controller: ControllerStatus | None
-    safety: ControllerSafety | None
-    delay: DelayStatus | None
-    model: ModelStatus | None
-    plant: PlantStatus | None
     round_trip_s: float
     round_trip: Spread | None
     messages: tuple[MessageView, ...]
@@ -145,8 +135,7 @@ class BusWatch:
         self._listener = BusListener(listening)
         self._frames = 0
         self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
-        self._newest: dict[type, Message] = {}
-        """By the type of what is shown: a plan is a command."""
+        self._newest: dict[type[Message], tuple[int, Message]] = {}
         self._round_trips = Recent()
         self._cycles = defaultdict[str, Recent](Recent)
         self._arrived_ns: dict[str, int] = {}
@@ -181,7 +170,7 @@ class BusWatch:
         for received in messages:
             shown = received.shown
             self._time(NAMES[type(shown)], now_ns, has_time)
-            self._newest[type(shown)] = shown
+            self._newest[type(shown)] = now_ns, shown
             self._follow(shown, now_ns, has_time)
         return Taken(messages, of_car)
 
@@ -194,25 +183,11 @@ class BusWatch:
 
     def view(self, now_ns: int) -> View:
         """Return the state to be shown at ``now_ns``."""
-
-        def shown(kind: type[_M]) -> _M | None:
-            message = self._newest.get(kind)
-            return message if isinstance(message, kind) else None
-
         return View(
             elapsed_s=(now_ns - self._start_ns) / NS_PER_S,
-            frames=self._frames,
             frames_per_s=self.frames_per_s(now_ns),
-            error=shown(LateralError),
+            newest=self.newest(),
             cg_deviation_m=self.cg_deviation_m,
-            command=shown(SteeringCommand),
-            steering=shown(SteeringStatus),
-            vehicle=shown(VehicleState),
-            controller=shown(ControllerStatus),
-            safety=shown(ControllerSafety),
-            delay=shown(DelayStatus),
-            model=shown(ModelStatus),
-            plant=shown(PlantStatus),
             round_trip_s=self.round_trip_s(now_ns),
             round_trip=self._round_trips.spread(now_ns),
             messages=self.messages(now_ns),
@@ -222,6 +197,20 @@ class BusWatch:
             error_frames=self._listener.error_frames,
             names=self._listener.listening.names,
         )
+
+    def newest(self, now_ns: int | None = None) -> Newest:
+        """Return the newest messages; at a time ``now_ns``, those of the last second."""
+        return Newest(
+            {
+                kind: message
+                for kind, (time_ns, message) in self._newest.items()
+                if now_ns is None or now_ns - time_ns < _STALE_NS
+            }
+        )
+
+    def forget(self, kind: type[Message]) -> None:
+        """Forget the newest message of a type."""
+        self._newest.pop(kind, None)
 
     def _follow(self, message: Message, now_ns: int, has_time: bool) -> None:
         cg_m = self._cg.on_message(message, (now_ns - self._start_ns) / NS_PER_S)

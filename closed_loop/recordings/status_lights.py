@@ -18,6 +18,7 @@ from ...dbc.messages import (
     SteeringStatus,
     SteeringStatusCode,
 )
+from .live_view import Newest
 
 GOOD, NOTICE, BAD, OFF = "good", "notice", "bad", "off"
 
@@ -29,26 +30,6 @@ class Light(NamedTuple):
     level: str
     state: str
     cause: str
-
-
-class Known(NamedTuple):
-    """What the lights are made of; None for a message that is not on the bus, or no longer.
-
-    ``refused``  frames that this program refused in the last seconds, by cause
-    ``late_s``   how late this program has read frames in the last seconds; 0: in time
-    ``skipped``  control ticks that were skipped in the last seconds
-    ``names``    of a car's messages, by the name of ours that they stand for
-    """
-
-    controller: ControllerStatus | None
-    safety: ControllerSafety | None
-    delay: DelayStatus | None
-    steering: SteeringStatus | None
-    plant: PlantStatus | None
-    refused: Mapping[str, int]
-    late_s: float = 0.0
-    skipped: int = 0
-    names: Mapping[str, str] = MappingProxyType({})
 
 
 _MODES = {
@@ -80,18 +61,31 @@ _SAFETY = {
 }
 
 
-def lights_of(known: Known) -> tuple[Light, ...]:
-    """Return the lights of a lane, in the order in which they are shown."""
-    steering, plant = known.steering, known.plant
-    status_name = known.names.get("STEERING_STATUS", "STEERING_STATUS")
+def lights_of(
+    newest: Newest,
+    refused: Mapping[str, int],
+    late_s: float = 0.0,
+    skipped: int = 0,
+    names: Mapping[str, str] = MappingProxyType({}),
+) -> tuple[Light, ...]:
+    """Return the lights of a lane, in the order in which they are shown.
+
+    ``refused``  frames that this program refused in the last seconds, by cause
+    ``late_s``   how late this program has read frames in the last seconds; 0: in time
+    ``skipped``  control ticks that were skipped in the last seconds
+    ``names``    of a car's messages, by the name of ours that they stand for
+    """
+    steering, plant = newest.of(SteeringStatus), newest.of(PlantStatus)
+    safety = newest.of(ControllerSafety)
+    status_name = names.get("STEERING_STATUS", "STEERING_STATUS")
     return (
-        _controller(known.controller, known.safety),
-        _measurements(known.safety, known.names),
-        _delay(known.delay),
+        _controller(newest.of(ControllerStatus), safety),
+        _measurements(safety, names),
+        _delay(newest.of(DelayStatus)),
         _light("Steering", steering and steering.status, _STEERING, status_name),
         _light("Safety", plant and plant.safety, _SAFETY, "PLANT_STATUS"),
-        _machine(known.late_s, known.skipped),
-        _refused(known.refused),
+        _machine(late_s, skipped),
+        _refused(refused),
     )
 
 

@@ -13,11 +13,11 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any
 
 from ...closed_loop.recordings.bus_listener import ReceivedMessage, command_at
 from ...closed_loop.recordings.live_view import BusWatch
-from ...closed_loop.recordings.status_lights import Known, Light, lights_of
+from ...closed_loop.recordings.status_lights import Light, lights_of
 from ...dbc import messages
 from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
@@ -78,8 +78,6 @@ _SIGNALS: Mapping[type[messages.Message], Mapping[str, SignalLayout]] = {
 }
 _DIGITS_MAX = 9
 
-_SILENT_NS = NS_PER_S
-"""After so long without a message its signals are shown as absent."""
 _SHOWN_NS = 3 * NS_PER_S
 """How long a light shows what has happened once."""
 _SKIPPED = int(messages.limits(messages.ControllerStatus)["skipped_ticks"].maximum) + 1
@@ -92,15 +90,6 @@ IN_LANE_M = 0.86
 
 LOST_M = 20.0
 """How far off the path a car is lost; chosen, a quarter of what LATERAL_ERROR carries."""
-
-M = TypeVar("M", bound=messages.Message)
-
-
-class Newest(NamedTuple, Generic[M]):
-    """The newest message of a type."""
-
-    time_ns: int
-    message: M
 
 
 class Score:
@@ -148,22 +137,20 @@ class Sampler:
         self._watch = BusWatch(start_ns, listening)
         self._path, self._ghost = path, ghost
         self._place = Place(path)
-        self._newest: dict[type[messages.Message], Newest[messages.Message]] = {}
         self._frames: dict[str, tuple[Frame, messages.Message | None]] = {}
         """The newest frame, by the message's name on the bus; with the message, if it is ours."""
         self._foreign: dict[int, Frame] = {}
-        self._command: Newest[messages.SteeringCommand] | None = None
         self._sent: dict[int, messages.SteeringCommand | messages.SteeringPlan] = {}
         self._in_effect_rad = math.nan
         self._refused = Counter[str]()
         self._refused_until_ns: dict[str, int] = {}
-        self._late = self._skipped = (0, -_SHOWN_NS)  # how much, when
+        self._late = self._skipped = self._ticks = (0, -_SHOWN_NS)  # how much, when
         self.reset_figures()
 
     def on_plant_start(self) -> None:
         """Take note that the plant was started: it begins at the start of its path."""
         self._place = Place(self._path)
-        self._newest.pop(messages.LateralError, None)
+        self._watch.forget(messages.LateralError)
         self._in_effect_rad = math.nan
         self.reset_figures()
         if self._ghost is not None:
@@ -194,15 +181,13 @@ class Sampler:
         if self._ghost and isinstance(message, messages.LatencyChange | messages.DisturbanceChange):
             self._ghost.configure(frame, now_ns)
         if isinstance(message, messages.ControllerStatus):
-            self._note_skips(message, now_ns)
-        self._newest[type(message)] = Newest(now_ns, message)
+            self._note_skips(message.skipped_ticks, now_ns)
         if isinstance(message, messages.LateralError):
             self._score.add(self._watch.cg_deviation_m)
         elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
             if len(self._sent) >= _IN_FLIGHT_MAX:
                 del self._sent[next(iter(self._sent))]  # the oldest
-            self._command = Newest(now_ns, command_at(message, heard.sample))
-            self._sent[self._command.message.command_counter] = message
+            self._sent[command_at(message, heard.sample).command_counter] = message
             self._place.on_command(now_ns)
             if self._ghost is not None:
                 self._ghost.begin(now_ns)
@@ -217,12 +202,10 @@ class Sampler:
 
     def row(self, now_ns: int) -> tuple[float, ...]:
         """Return the signals as known at ``now_ns``, in the order of ``NAMES``; NaN for none."""
-        error = self._known(messages.LateralError, now_ns)
-        command = _unless_silent(self._command, now_ns)
-        status = self._known(messages.SteeringStatus, now_ns)
-        vehicle = self._known(messages.VehicleState, now_ns)
-        plant = self._known(messages.PlantStatus, now_ns)
-        delay = self._known(messages.DelayStatus, now_ns)
+        of = self._watch.newest(now_ns).of
+        error, command = of(messages.LateralError), of(messages.SteeringCommand)
+        status, vehicle = of(messages.SteeringStatus), of(messages.VehicleState)
+        plant, delay = of(messages.PlantStatus), of(messages.DelayStatus)
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
         ghost = None if self._ghost is None else self._ghost.at(now_ns)
@@ -254,9 +237,8 @@ class Sampler:
     @property
     def is_lost(self) -> bool:
         """Whether the car was last seen so far off that it will not come back by itself."""
-        newest = self._newest.get(messages.LateralError)
-        error = newest and newest.message
-        return isinstance(error, messages.LateralError) and abs(error.lateral_error_m) > LOST_M
+        error = self._watch.newest().of(messages.LateralError)
+        return error is not None and abs(error.lateral_error_m) > LOST_M
 
     def score(self) -> Mapping[str, float]:
         """Return RMS [m] and share of the time in the lane since the reset; empty before it."""
@@ -265,29 +247,19 @@ class Sampler:
     def lights(self, now_ns: int) -> tuple[Light, ...]:
         """Return the lights as known at ``now_ns``."""
         shown = {cause: 1 for cause, until in self._refused_until_ns.items() if now_ns < until}
-        return lights_of(
-            Known(
-                self._known(messages.ControllerStatus, now_ns),
-                self._known(messages.ControllerSafety, now_ns),
-                self._known(messages.DelayStatus, now_ns),
-                self._known(messages.SteeringStatus, now_ns),
-                self._known(messages.PlantStatus, now_ns),
-                shown,
-                _recent(self._late, now_ns) / NS_PER_S,
-                _recent(self._skipped, now_ns),
-                self._listening.names,
-            )
-        )
+        late_s, skipped = _recent(self._late, now_ns) / NS_PER_S, _recent(self._skipped, now_ns)
+        names = self._listening.names
+        return lights_of(self._watch.newest(now_ns), shown, late_s, skipped, names)
 
-    def _note_skips(self, status: messages.ControllerStatus, now_ns: int) -> None:
-        before = self._known(messages.ControllerStatus, now_ns)
-        rise = 0 if before is None else (status.skipped_ticks - before.skipped_ticks) % _SKIPPED
+    def _note_skips(self, ticks: int, now_ns: int) -> None:
+        (before, before_ns), self._ticks = self._ticks, (ticks, now_ns)
+        rise = (ticks - before) % _SKIPPED if now_ns - before_ns < NS_PER_S else 0
         if 0 < rise < _SKIPPED // 2:  # else another controller
             self._skipped = (rise + _recent(self._skipped, now_ns), now_ns)
 
     def law(self, now_ns: int) -> str:
         """Return the name of the law that runs; empty where it is not known."""
-        status = self._known(messages.ControllerStatus, now_ns)
+        status = self._watch.newest(now_ns).of(messages.ControllerStatus)
         return "" if status is None else status.law.name
 
     def frames(self, now_ns: int) -> Mapping[str, Any]:
@@ -336,15 +308,6 @@ class Sampler:
         if is_foreign and (frame.can_id in self._foreign or len(self._foreign) < _FOREIGN_MAX):
             self._foreign[frame.can_id] = frame
         self._refused = refused
-
-    def _known(self, kind: type[M], now_ns: int) -> M | None:
-        """Return the newest message of a type; None without one, or when it has become silent."""
-        newest = self._newest.get(kind)  # type: ignore[arg-type]
-        return _unless_silent(newest, now_ns)  # type: ignore[return-value]
-
-
-def _unless_silent(newest: Newest[M] | None, now_ns: int) -> M | None:
-    return None if newest is None or now_ns - newest.time_ns >= _SILENT_NS else newest.message
 
 
 def _recent(noted: tuple[int, int], now_ns: int) -> int:

@@ -10,10 +10,10 @@ from ...closed_loop.recordings.status_lights import (
     GOOD,
     NOTICE,
     OFF,
-    Known,
     lights_of,
     measurements_that_are,
 )
+from ...dbc import messages
 from ...dbc.messages import EchoState, Freshness, SecondSender
 
 WIDTH_MIN = 80
@@ -32,14 +32,17 @@ def screen_lines(view: View, bus: str, width: int = WIDTH_MIN) -> list[Text]:
 
 def one_line(view: View) -> str:
     """Return the most important of a view on one line, for a file or a pipe."""
-    plant, trip = view.plant, view.round_trip
+    newest, trip = view.newest, view.round_trip
+    plant = newest.of(messages.PlantStatus)
+    off, command = newest.of(messages.LateralError), newest.of(messages.SteeringCommand)
+    status = newest.of(messages.ControllerStatus)
     one_way_s = () if plant is None else (plant.downlink_latency_s, plant.uplink_latency_s)
     round_trip_s = () if trip is None else (trip.p50_s, trip.p99_s)
-    error = "-" if view.error is None else f"{_ONE_MS * view.error.lateral_error_m:+.2f}"
+    error = "-" if off is None else f"{_ONE_MS * off.lateral_error_m:+.2f}"
     cg = "-" if math.isnan(view.cg_deviation_m) else f"{_ONE_MS * view.cg_deviation_m:+.2f}"
-    steer = "-" if view.command is None else f"{_ONE_MS * view.command.steer_rad:+.2f}"
+    steer = "-" if command is None else f"{_ONE_MS * command.steer_rad:+.2f}"
     missing = sum(row.missing - row.late for row in view.messages)
-    mode = "-" if view.controller is None else view.controller.mode.name
+    mode = "-" if status is None else status.mode.name
     return (
         f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  CG {cg} mm  steer {steer} mrad  "
         f"down/up {_pair_ms(one_way_s)} ms  round trip {_pair_ms(round_trip_s)} ms  "
@@ -61,11 +64,9 @@ def _title(view: View, bus: str, width: int) -> Text:
 
 def _state(view: View) -> Text:
     law, skipped = "", "-"
-    if view.controller is not None:
-        law, skipped = f" {view.controller.law.name}", str(view.controller.skipped_ticks)
-    nodes = view.controller, view.safety, view.delay, view.steering, view.plant
-    known = Known(*nodes, {}, names=view.names)
-    controller, _, _, actuator, *_ = lights_of(known)
+    if (status := view.newest.of(messages.ControllerStatus)) is not None:
+        law, skipped = f" {status.law.name}", str(status.skipped_ticks)
+    controller, _, _, actuator, *_ = lights_of(view.newest, {}, names=view.names)
     text = Text("controller ").append(controller.state, style=_STYLES[controller.level])
     text.append(f"{law}, {skipped} ticks skipped").append(_alarms(view), style="bold red")
     text.append("   actuator ").append(actuator.state, style=_STYLES[actuator.level])
@@ -73,8 +74,10 @@ def _state(view: View) -> Text:
 
 
 def _signals(view: View) -> list[Text]:
-    error, command, steering = view.error, view.command, view.steering
-    vehicle, status = view.vehicle, view.controller
+    of = view.newest.of
+    error, command = of(messages.LateralError), of(messages.SteeringCommand)
+    steering, vehicle = of(messages.SteeringStatus), of(messages.VehicleState)
+    status = of(messages.ControllerStatus)
     cg_m = None if math.isnan(view.cg_deviation_m) else view.cg_deviation_m
     return [
         _pair(
@@ -107,7 +110,8 @@ def _signals(view: View) -> list[Text]:
 
 
 def _latency(view: View) -> list[Text]:
-    plant, trip, is_stale = view.plant, view.round_trip, view.is_stale("PLANT_STATUS")
+    plant, trip = view.newest.of(messages.PlantStatus), view.round_trip
+    is_stale = view.is_stale("PLANT_STATUS")
     trip_s = None if math.isnan(view.round_trip_s) else view.round_trip_s
     spread = (
         ""
@@ -131,7 +135,7 @@ def _latency(view: View) -> list[Text]:
 
 def _delay(view: View) -> str:
     """Return the delay down and up, by echo; - where it is not known now."""
-    delay = view.delay
+    delay = view.newest.of(messages.DelayStatus)
     if delay is None:
         return ""
     echo = f"{_ONE_MS * delay.echo_delay_s:.0f}" if delay.echo_state is EchoState.KNOWN else "-"
@@ -140,7 +144,7 @@ def _delay(view: View) -> str:
 
 def _model(view: View) -> str:
     """Return the steering lag and the virtual mass that the law steers by."""
-    model = view.model
+    model = view.newest.of(messages.ModelStatus)
     if model is None:
         return ""
     return f"{_ONE_MS * model.steering_lag_s:.0f} ms, {model.virtual_mass_kg:.0f} kg"
@@ -184,7 +188,8 @@ def _message(row: MessageView, period_s: float) -> Text:
 def _refused(view: View) -> Text:
     ids = ",".join(f"{can_id:X}" for can_id in view.foreign_ids[:4])
     more = ",.." if len(view.foreign_ids) > 4 else ""
-    nodes = (("plant", view.plant), ("controller", view.safety))
+    plant, safety = _nodes(view)
+    nodes = (("plant", plant), ("controller", safety))
     counts = ", ".join(f"{who} {one.lost}/{one.rejected}" for who, one in nodes if one is not None)
     counted = f"; lost/refused: {counts}" if counts else ""
     causes = ", ".join(f"{cause} {count}" for cause, count in view.refused.items()) or "0"
@@ -194,8 +199,12 @@ def _refused(view: View) -> Text:
     )
 
 
+def _nodes(view: View) -> tuple[messages.PlantStatus | None, messages.ControllerSafety | None]:
+    return view.newest.of(messages.PlantStatus), view.newest.of(messages.ControllerSafety)
+
+
 def _alarms(view: View) -> str:
-    safety, stale = view.safety, list[str]()
+    (_, safety), stale = _nodes(view), list[str]()
     if safety is not None:
         stale = measurements_that_are(Freshness.STALE, safety, view.names)
     return "".join(f", {name} stale" for name in stale) + _second_senders(view)
@@ -203,8 +212,8 @@ def _alarms(view: View) -> str:
 
 def _second_senders(view: View) -> str:
     own, peer = SecondSender.OWN, SecondSender.PEER
-    nodes = (view.safety, view.plant)
-    seen = [SecondSender.NONE if node is None else node.second_sender for node in nodes]
+    plant, safety = _nodes(view)
+    seen = [SecondSender.NONE if node is None else node.second_sender for node in (safety, plant)]
     notices = {"controller": (own, peer), "plant": (peer, own)}
     return "".join(
         f", TWO SENDERS as {name}"

@@ -11,7 +11,7 @@ from steer_by_wire.closed_loop.recordings.bus_listener import BusListener, comma
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.closed_loop.recordings.log_analysis import AnalysedLog, analyse_files
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.messages import SteeringCommand, SteeringPlan, encode
+from steer_by_wire.dbc.messages import SteeringCommand, SteeringPlan, SteeringStatus, encode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.cockpit.sampler import Sampler
@@ -88,10 +88,11 @@ def test_the_monitor_shows_a_plan_as_a_command_and_nothing_as_stale(
     for time_ns, _, frame in entries:
         watch.on_frame(frame, time_ns)
     view = watch.view(time_ns)
-    assert view.command is not None
-    assert view.steering is not None
-    assert view.command.steer_rad == pytest.approx(view.steering.wheel_angle_rad, abs=1e-3)
-    assert f"{1e3 * view.command.steer_rad:+.2f}" in one_line(view)
+    command, steering = view.newest.of(SteeringCommand), view.newest.of(SteeringStatus)
+    assert command is not None
+    assert steering is not None
+    assert command.steer_rad == pytest.approx(steering.wheel_angle_rad, abs=1e-3)
+    assert f"{1e3 * command.steer_rad:+.2f}" in one_line(view)
     assert view.round_trip is not None
     assert view.round_trip.p50_s == pytest.approx(DELAY_S + PERIOD_S, abs=0.001)
     assert not any(row.is_stale for row in view.messages)

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.recordings.live_reading import TIMED_NS
+from steer_by_wire.closed_loop.recordings.live_view import Newest
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.recordings.status_lights import Known, Light, lights_of
+from steer_by_wire.closed_loop.recordings.status_lights import Light, lights_of
 from steer_by_wire.dbc.messages import (
     ControllerFault,
     ControllerSafety,
@@ -16,6 +17,7 @@ from steer_by_wire.dbc.messages import (
     DelayStatus,
     EchoState,
     Freshness,
+    Message,
     Mode,
     PlantStatus,
     SafetyState,
@@ -157,55 +159,46 @@ def test_a_car_far_off_is_lost_until_its_plant_starts_again() -> None:
 
 # Lights
 
-CALM = Known(
-    message_with(ControllerStatus, mode=Mode.ACTIVE),
-    message_with(
-        ControllerSafety,
-        lateral_error_freshness=Freshness.FRESH,
-        steering_status_freshness=Freshness.FRESH,
-        vehicle_state_freshness=Freshness.FRESH,
-    ),
-    message_with(DelayStatus, echo_delay_s=0.1, echo_state=EchoState.KNOWN),
-    message_with(SteeringStatus, applied_counter=1, status=SteeringStatusCode.APPLYING),
-    message_with(PlantStatus),
-    {},
+STATUS = message_with(ControllerStatus, mode=Mode.ACTIVE)
+SAFETY = message_with(
+    ControllerSafety,
+    lateral_error_freshness=Freshness.FRESH,
+    steering_status_freshness=Freshness.FRESH,
+    vehicle_state_freshness=Freshness.FRESH,
 )
+STEERING = message_with(SteeringStatus, applied_counter=1, status=SteeringStatusCode.APPLYING)
+OF_PLANT = message_with(PlantStatus)
+DELAY = message_with(DelayStatus, echo_delay_s=0.1, echo_state=EchoState.KNOWN)
 
 
-def light_of(known: Known, name: str) -> Light:
-    return next(light for light in lights_of(known) if light.name == name)
+def lights_with(*changed: Message) -> tuple[Light, ...]:
+    """The lights of a calm loop, with other messages in place of its own."""
+    calm = (STATUS, SAFETY, STEERING, OF_PLANT, DELAY)
+    return lights_of(Newest({type(one): one for one in (*calm, *changed)}), {})
+
+
+def light_of(changed: Message, name: str) -> Light:
+    return next(light for light in lights_with(changed) if light.name == name)
 
 
 def test_a_calm_loop_has_only_good_lights() -> None:
-    assert {light.level for light in lights_of(CALM)} == {"good"}
+    assert {light.level for light in lights_with()} == {"good"}
 
 
 def test_every_state_has_a_light_with_its_cause_in_words() -> None:
-    assert CALM.controller is not None
-    assert CALM.safety is not None
-    assert CALM.steering is not None
-    assert CALM.plant is not None
-    cases = [
-        *(("Controller", CALM._replace(controller=CALM.controller._replace(mode=m))) for m in Mode),
-        *(
-            ("Controller", CALM._replace(safety=CALM.safety._replace(fault=f)))
-            for f in ControllerFault
-        ),
-        *(
-            ("Steering", CALM._replace(steering=CALM.steering._replace(status=s)))
-            for s in SteeringStatusCode
-        ),
-        *(("Safety", CALM._replace(plant=CALM.plant._replace(safety=s))) for s in SafetyState),
+    cases: list[tuple[str, Message]] = [
+        *(("Controller", STATUS._replace(mode=mode)) for mode in Mode),
+        *(("Controller", SAFETY._replace(fault=fault)) for fault in ControllerFault),
+        *(("Steering", STEERING._replace(status=code)) for code in SteeringStatusCode),
+        *(("Safety", OF_PLANT._replace(safety=state)) for state in SafetyState),
     ]
-    causes = {light_of(known, name).cause for name, known in cases}
+    causes = {light_of(changed, name).cause for name, changed in cases}
     assert len(causes) == len(cases) - 1  # without a fault the mode is shown, ACTIVE again
     assert light_of(cases[3][1], "Controller").level == "bad"
 
 
 def test_a_stale_message_is_named() -> None:
-    assert CALM.safety is not None
-    stale = CALM.safety._replace(vehicle_state_freshness=Freshness.STALE)
-    light = light_of(CALM._replace(safety=stale), "Measurements")
+    light = light_of(SAFETY._replace(vehicle_state_freshness=Freshness.STALE), "Measurements")
     assert (light.level, light.state) == ("bad", "STALE")
     assert light.cause == "VEHICLE_STATE: older than its age limit"
 
@@ -245,9 +238,8 @@ def test_what_was_read_late_lights_up_for_a_while_and_no_time_is_measured_from_i
 
 def test_ticks_that_were_skipped_light_up_for_a_while() -> None:
     sampler = Sampler(0)
-    assert CALM.controller is not None
     for counter, skipped in enumerate((2, 5, 6, 6)):
-        status = CALM.controller._replace(skipped_ticks=skipped)
+        status = STATUS._replace(skipped_ticks=skipped)
         sampler.on_frame(encode(status, counter), NS + counter * 100 * MS)
     machine = next(one for one in sampler.lights(NS + 300 * MS) if one.name == "Machine")
     assert (machine.level, machine.state) == ("notice", "TOO_SLOW")
