@@ -13,7 +13,6 @@ from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.settings import shared_vehicle as plant_vehicle
 from ...runtime.bus_model.settings import BusSettings
-from ...runtime.input_file import read_bytes
 from ...runtime.settings import (
     COMMAND_LINE,
     Settings,
@@ -37,8 +36,6 @@ def plant_tables(base: BaseSettings, file: str, folder: Path, context: Tables) -
     """Return the tables of the plant; raises SettingsError naming the study ``file``."""
     below = folder / base.plant_file if base.plant_file else None
     vehicle = folder / base.vehicle if base.vehicle else None
-    if _is_missing(below, vehicle) and (stored := _stored(folder).get("plant")) is not None:
-        return dict(stored)
     preset = read_preset(PLANT_PRESETS, base.plant_preset) if base.plant_preset else None
     tables = dict(base.plant)
     if "path" in tables:
@@ -54,10 +51,6 @@ def controller_tables(base: BaseSettings, name: str, file: str, folder: Path) ->
     source = name if variant is None else variant.preset
     below = folder / source if source.endswith(".toml") else None
     vehicle = folder / base.vehicle if base.vehicle else None
-    if _is_missing(below, vehicle):
-        stored = _stored(folder).get("controllers", {}).get(name)
-        if stored is not None:
-            return dict(stored)
     preset = None if below else read_preset(CONTROLLER_PRESETS, source)
     tables = leaves(base.controller)
     where = f"{file}: base.controller"
@@ -79,21 +72,6 @@ def plant_of_variant(base: BaseSettings, name: str) -> dict[str, Any]:
 def bus_tables(base: BaseSettings, file: str) -> Tables:
     """Return the tables of the bus; raises SettingsError naming the study ``file``."""
     return _checked(BusSettings, None, None, leaves(base.bus or {}), f"{file}: base.bus", None)
-
-
-def _is_missing(*files: Path | None) -> bool:
-    return any(file is not None and not file.exists() for file in files)
-
-
-def _stored(folder: Path) -> Mapping[str, Any]:
-    """Return the content of study.json if the study file lies with its results: the files that
-    it names have stayed at their old places.
-    """
-    try:
-        stored = json.loads(read_bytes(folder / "study.json"))
-    except (OSError, ValueError):
-        return {}
-    return stored if isinstance(stored, dict) else {}
 
 
 def _checked(

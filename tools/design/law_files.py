@@ -14,8 +14,9 @@ from .predictor_design import design_predictor, predictor_demands
 from .report import (
     UNITS,
     LawFiles,
-    demand_lines,
     draw_design,
+    measured,
+    outcome_lines,
     predictor_figures,
     predictor_preset_text,
     preset_text,
@@ -95,18 +96,8 @@ def _lines(spec: Specification, design: Design, files: LawFiles) -> Iterator[str
     yield from (
         f"  {SETTINGS_KEYS[key]} = {value:g} {UNITS.get(key, 'rad/s')}" for key, value in values
     )
-    yield from demand_lines(design.found.judgement)
-    confirmation = design.found.confirmation
-    if confirmation is not None:
-        yield f"  stable up to      {confirmation.stable_up_to_ns / 1e6:g} ms"
-        if spec.actuator is not None and confirmation.with_lag_up_to_ns is not None:
-            lag_ms = confirmation.with_lag_up_to_ns / 1e6
-            yield f"                    {lag_ms:g} ms behind a lag of {spec.actuator.lag_s:g} s"
-        yield f"  slowest mode      {confirmation.decay_1_s:.3g} 1/s"
-    if design.rms_held_up_to_ns is not None:
-        yield f"  RMS limit kept    up to {design.rms_held_up_to_ns / 1e6:g} ms"
-    for table, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
-        yield f"  jitter            {rms_m:.4g} m at {table.mean_ms:g} ± {table.spread_ms:g} ms"
+    yield from outcome_lines(design.found.judgement.demands)
+    yield from (f"  {label:18}{text}" for label, text in measured(spec, design))
     yield from written_lines(files, design.found.ended)
 
 

@@ -5,6 +5,7 @@ delay.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from ...runtime.node import NS_PER_MS
 from ...runtime.output_file import write_text
 from ...runtime.settings import Settings
 from ...runtime.settings.toml_text import dump_toml
-from .demands import Demand, Judgement
+from .demands import Demand
 from .law_design import NUMBER_UNITS, Design, failure
 from .predictor_design import PredictorDesign
 from .specification import ConditionsTable, PredictorTable, Specification
@@ -170,11 +171,13 @@ def outcome_lines(demands: Sequence[Demand]) -> Iterator[str]:
     for demand in demands:
         unit = _DEMAND_UNITS.get(demand.name.rstrip(" 0123456789"), "")
         if demand.limit:
-            reached = f"{demand.value:.4g}{unit}, at most {demand.limit:g}{unit}"
+            at_most = "" if demand.limit == inf else f", at most {demand.limit:g}{unit}"
+            reached = f"{demand.value:.4g}{unit}{at_most}"
         else:
             reached = failure(demand) if demand.excess else ""
         verdict = "NOT MET" if demand.excess else "met"
-        yield f"  {demand.name:{_LABEL_WIDTH}}{verdict:9}{reached}".rstrip()
+        active = "  <- active" if demand.is_active and not demand.excess else ""
+        yield f"  {demand.name:{_LABEL_WIDTH}}{verdict:9}{reached}{active}".rstrip()
     if not any(demand.name in _JUDGED_LAST for demand in demands):
         yield "  No other demand was judged, as these are too far from met."
 
@@ -218,8 +221,8 @@ def path_in_words(path: PathSettings) -> str:
     return ", ".join([kind, *(f"{key} {value}" for key, value in measures.items())])
 
 
-def _figures(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
-    demands = {demand.name: demand for demand in design.found.judgement.demands}
+def measured(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
+    """Yield a heading and a figure of what a law reaches, line by line."""
     worst_m = design.rms.rms_m.max(axis=0)
     last = design.rms.delays_ns.index(spec.delays_ns[-1])
     rms = f"{worst_m[0]:.4f} m at 0 ms, {worst_m[last]:.4f} m at {spec.delay.ms_max:g} ms"
@@ -236,6 +239,11 @@ def _figures(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
             lag = f"a steering actuator lag of {spec.actuator.lag_s:g} s"
             yield "", f"up to {lag_ms} ms behind {lag}"
         yield "settling", f"no mode decays more slowly than {confirmation.decay_1_s:.3g} 1/s"
+
+
+def _figures(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
+    demands = {demand.name: demand for demand in design.found.judgement.demands}
+    yield from measured(spec, design)
     yield "peak sensitivity", _limited(demands["peak sensitivity"], "")
     noise = demands["noise gain"]
     yield "noise gain", _limited(noise, " rad/m")
@@ -251,17 +259,6 @@ def _jitters(spec: Specification, rms_m: Sequence[float], how: str) -> Iterator[
 
 def _limited(demand: Demand, unit: str) -> str:
     return f"{demand.value:.3g}{unit}, limit {demand.limit:g}"
-
-
-def demand_lines(judgement: Judgement) -> Iterator[str]:
-    """Yield one line for each demand that is a number."""
-    for demand in judgement.demands:
-        if demand.name not in NUMBER_UNITS:
-            continue
-        unit = NUMBER_UNITS[demand.name]
-        at_most = "" if demand.limit == float("inf") else f", at most {demand.limit:g}{unit}"
-        note = "  <- active" if demand.is_active else ""
-        yield f"  {demand.name:17} {demand.value:.4g}{unit}{at_most}{note}"
 
 
 def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Figure:

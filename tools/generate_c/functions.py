@@ -26,7 +26,7 @@ from enum import IntEnum
 from typing import Any, NamedTuple, NoReturn, TypeGuard
 
 from .helpers import HELPERS
-from .line_width import WIDTH, joined_declarations, wrapped_arguments
+from .line_width import WIDTH
 from .records import Kind, Record, Records, UntranslatableError, declared, hexadecimal, member_name
 from .sources import Source, hints_of, source_of
 
@@ -106,8 +106,7 @@ class Function:
             f"const {declared(kind)} *{name}" if isinstance(kind, Record) else f"{kind} {name}"
             for name, kind in self.parameters
         ]
-        head = f"{storage}{declared(self.result)} {self.name}("
-        return "\n".join(wrapped_arguments(f"{head}{', '.join(parameters)})"))
+        return f"{storage}{declared(self.result)} {self.name}({', '.join(parameters)})"
 
     def definition(self, storage: str = "") -> str:
         """Return the comment and the whole function; ``storage`` is ``static `` or nothing."""
@@ -206,10 +205,7 @@ class Function:
                 self._results += 1
                 name = "result" if self._results == 1 else f"result_{self._results}"
                 line = f"const {declared(result.kind)} {name} = {result.text};"
-                return [
-                    *wrapped_arguments(line),
-                    *self._apart(target, Text(name, _ATOM, result.kind)),
-                ]
+                return [line, *self._apart(target, Text(name, _ATOM, result.kind))]
             case ast.Tuple(), _:
                 return self._apart(target, self._expression(value))
         return self._refuse(target)
@@ -231,7 +227,7 @@ class Function:
         for one, (name, _) in zip(target.elts, kind.fields, strict=True):
             part = self._field(target, record, name)
             lines += self._apart(one, part) if isinstance(one, ast.Tuple) else self._set(one, part)
-        return joined_declarations(lines)
+        return lines
 
     def _set(self, target: ast.expr, value: Text) -> list[str]:
         """Declare a name, or set it again."""

@@ -26,7 +26,6 @@ from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError, load_settings
-from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.study import __main__ as study_program
 from steer_by_wire.tools.study.repeated_runs import write_settings
 from tests.support.runs.run_of_nodes import assert_nodes_reproduce
@@ -141,21 +140,6 @@ def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
         file = whole.folder / "replay" / str(run) / "plant_emulator.toml"
         assert load_settings(PlantSettings, file=file) == scenarios.pair(run).plant
         assert commands[0].startswith(f"steer-by-wire run {file} ")
-
-
-def test_the_study_beside_its_results_is_enough_though_its_controller_lies_elsewhere(
-    tmp_path: Path,
-) -> None:
-    (tmp_path / "mine.toml").write_text(
-        dump_toml(controller_preset("practical_pd")), encoding="utf-8"
-    )
-    text = STUDY.replace('"practical_pd", "practical_pd_ddob"', '"mine.toml"')
-    scenarios = make_scenarios(tmp_path, text)
-    store = Store(tmp_path / "out", scenarios)
-    store.open(text)
-    again = Scenarios(load_study(store.folder / "study.toml"))
-    assert again.study.identity == scenarios.study.identity
-    assert again.pair(0) == scenarios.pair(0)
 
 
 def test_results_do_not_go_on_with_other_recorded_latencies(tmp_path: Path) -> None:
