@@ -137,15 +137,6 @@ class Store:
         write_rows(self.results, self._record, self._schema, parts)
         shutil.rmtree(self._chunks)
 
-    def find(self, run: int) -> dict[str, Any] | None:
-        """Return one row by its id; None if it is not stored."""
-        for file in [self.results] if self.is_complete else self._files():
-            table = read_table(file, self._record, filters=[("id", "=", run)])
-            if table.num_rows:
-                found: dict[str, Any] = table.to_pylist()[0]
-                return found
-        return None
-
     def _files(self) -> list[Path]:
         return sorted(self._chunks.glob("*.parquet"))
 

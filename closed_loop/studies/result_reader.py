@@ -73,7 +73,7 @@ class Rows(NamedTuple):
     """Columns of the results, one element a run; ``factors`` are numbers or places in a list.
 
     ``controller``, ``verdict``  places in ``StudyRecord.names`` and in ``VERDICTS``
-    ``*rms_m``, ``*peak_m``      of the car; those with ``preview`` of the preview point
+    ``*rms_m``, ``*peak_m``      of the car
     ``case``                     the same for runs that differ in the controller only
     """
 
@@ -84,11 +84,6 @@ class Rows(NamedTuple):
     rms_m: FloatArray
     peak_m: FloatArray
     settled_rms_m: FloatArray
-    preview_rms_m: FloatArray
-    preview_peak_m: FloatArray
-    settled_preview_rms_m: FloatArray
-    duration_s: FloatArray
-    latency_mean_s: FloatArray
     steer_rms_rad: FloatArray
     steer_rate_rms_rad_s: FloatArray
     limited_share: FloatArray

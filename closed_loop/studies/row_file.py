@@ -49,21 +49,14 @@ def write_rows(file: Path, record: bytes, schema: Any, tables: Iterable[Any]) ->
     write_whole(file, write)
 
 
-def read_table(
-    file: Path,
-    record: bytes,
-    columns: Sequence[str] | None = None,
-    filters: Sequence[tuple[str, str, Any]] | None = None,
-) -> Any:
+def read_table(file: Path, record: bytes, columns: Sequence[str] | None = None) -> Any:
     """Return a file's rows as a table, after a check of its digest; raises SettingsError.
 
     ``columns``  all by default
-    ``filters``  which rows, in pyarrow's form; all by default
     """
     _, parquet = pyarrow()
     check(file, record)
-    chosen = None if filters is None else [*filters]
-    return parquet.read_table(file, columns=columns, filters=chosen)
+    return parquet.read_table(file, columns=columns)
 
 
 def check(file: Path, record: bytes) -> None:

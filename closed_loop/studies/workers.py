@@ -12,7 +12,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,57 +63,47 @@ Block = list[int]
 ShouldStop = Callable[[], bool]
 
 
-class Workers(Protocol):
-    """Compute blocks of ids, in any order."""
+class Workers(NamedTuple):
+    """What computes blocks of ids, in any order.
 
-    @property
-    def description(self) -> str:
-        """What they are, in a few words."""
-        ...
+    ``description``  in a few words
+    ``compute``      yields completed blocks; none computed is lost on a stop. An empty one now and
+                     then lets the caller act
+    """
 
-    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
-        """Yield completed blocks; none computed is lost on a stop. An empty one now and then lets
-        the caller act.
-        """
-        ...
+    description: str
+    compute: Callable[[Iterable[Block], ShouldStop], Iterator[Computed]]
 
 
-class Threads:
-    """Threads of this process."""
+def thread_workers(scenarios: Scenarios, count: int) -> Workers:
+    """Return threads of this process."""
+    computer = Computer(scenarios)
 
-    def __init__(self, scenarios: Scenarios, count: int) -> None:
-        self._computer = Computer(scenarios)
-        self.count = count
-        self.description = f"{count} thread{'s' if count > 1 else ''}"
+    def compute(blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        task = partial(computer.compute, should_stop=should_stop)
+        with ThreadPoolExecutor(count, thread_name_prefix="study") as pool:
+            yield from _completed(pool, task, count, blocks, should_stop)
 
-    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
-        """Yield completed blocks."""
-        task = partial(self._computer.compute, should_stop=should_stop)
-        with ThreadPoolExecutor(self.count, thread_name_prefix="study") as pool:
-            yield from _completed(pool, task, self.count, blocks, should_stop)
+    return Workers(f"{count} thread{'s' if count > 1 else ''}", compute)
 
 
-class Processes:
-    """Processes of this machine; on a stop they finish the runs that they have begun."""
+def process_workers(study: Study, count: int) -> Workers:
+    """Return processes of this machine; on a stop they finish the runs that they have begun."""
+    task = partial(compute_block, payload_of(study))
 
-    def __init__(self, study: Study, count: int) -> None:
-        self._payload = payload_of(study)
-        self.count = count
-        self.description = f"{count} processes"
+    def compute(blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        with worker_pool(count) as pool:
+            yield from _completed(pool, task, count, blocks, should_stop)
 
-    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
-        """Yield completed blocks."""
-        task = partial(compute_block, self._payload)
-        with worker_pool(self.count) as pool:
-            yield from _completed(pool, task, self.count, blocks, should_stop)
+    return Workers(f"{count} processes", compute)
 
 
-def local_workers(scenarios: Scenarios, count: int | None) -> Threads | Processes:
+def local_workers(scenarios: Scenarios, count: int | None) -> Workers:
     """Return processes for runs over a bus, threads for others; by default one per processor."""
     count = min(count or os.cpu_count() or 1, scenarios.study.runs)
     if scenarios.study.bus is not None and count > 1:
-        return Processes(scenarios.study, count)
-    return Threads(scenarios, count)
+        return process_workers(scenarios.study, count)
+    return thread_workers(scenarios, count)
 
 
 def _completed(

@@ -4,7 +4,6 @@
     steer-by-wire cockpit --rest-bus car.dbc --load 0.7
     steer-by-wire cockpit -i socketcan -c can0
     steer-by-wire cockpit run.log --export run.html
-    steer-by-wire cockpit before.log after.log --beside
 
 Without a bus and without a RECORDING it starts a plant, a controller and a bus of its own. With a
 bus (-i, -c) it listens there, and sends nothing unless --allow-control is given.
@@ -47,8 +46,8 @@ from steer_by_wire.tools.cockpit.lanes import OwnLanes
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.page_access import HOST
 from steer_by_wire.tools.cockpit.page_requests import Desk
-from steer_by_wire.tools.cockpit.replay import read_replay, read_replays
-from steer_by_wire.tools.cockpit.scenario import LANES_MAX, Scenario, scenario_titled, scenarios
+from steer_by_wire.tools.cockpit.replay import read_replay
+from steer_by_wire.tools.cockpit.scenario import Scenario, scenario_titled, scenarios
 from steer_by_wire.tools.cockpit.server import Server, serving
 
 NAME = "steer-by-wire cockpit"
@@ -71,11 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument(
         "--export", type=output_file, metavar="FILE", help="write the replay as one page, and end"
-    )
-    parser.add_argument(
-        "--beside",
-        action="store_true",
-        help=f"show each RECORDING as a car of its own, up to {LANES_MAX}",
     )
     parser.add_argument(
         "--log-channel", metavar="NAME", help="channel to replay, if there are several"
@@ -113,10 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     language = read_language(options.dialect)
     if options.recordings:
-        if options.beside and len(options.recordings) > LANES_MAX:
-            raise SettingsError(f"--beside shows up to {LANES_MAX} recordings; leave some out")
-        read = read_replays if options.beside else read_replay
-        block = read(options.recordings, options.log_channel, language.listening())
+        block = read_replay(options.recordings, options.log_channel, language.listening())
         if options.export is not None:
             title = ", ".join(path.name for path in options.recordings)
             write_text(options.export, single_page(block, title))

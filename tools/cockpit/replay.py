@@ -1,7 +1,6 @@
-"""Recordings as one block of data that a page plays: rows, changes of the lights, frame lists.
+"""A recording as one block of data that a page plays: rows, changes of the lights, frame lists.
 
-    block    gzip of: length of the head u32 (little-endian), head (JSON), and for each lane its
-             rows as in ``signals``
+    block    gzip of: length of the head u32 (little-endian), head (JSON), rows as in ``signals``
 
 A long recording has fewer rows a second, and says so; its running figures are still those of every
 frame.
@@ -39,30 +38,6 @@ def read_replay(
 
     ``listening``  understands the bus
     """
-    replay = _replay(files, channel, listening)
-    (line,) = law_lines([replay.law.lower()])
-    names = _names(files)
-    return _block([replay.lane(0, replay.law or names, line)], names + replay.cut_off)
-
-
-def read_replays(
-    files: Sequence[Path], channel: str | None = None, listening: Listening = OUR_MESSAGES
-) -> bytes:
-    """Return the block of recordings next to each other, each from its first frame on."""
-    replays = [_replay([file], channel, listening) for file in files]
-    lines = law_lines(replay.law.lower() for replay in replays)
-    lanes = [
-        replay.lane(lane, files[lane].stem, line)
-        for lane, (replay, line) in enumerate(zip(replays, lines, strict=True))
-    ]
-    return _block(lanes, _names(files) + "".join(replay.cut_off for replay in replays))
-
-
-def _names(files: Sequence[Path]) -> str:
-    return ", ".join(file.name for file in files)
-
-
-def _replay(files: Sequence[Path], channel: str | None, listening: Listening) -> "_Replay":
     replay = _Replay(listening)
     for file in files:
         log = open_log(file)
@@ -73,21 +48,17 @@ def _replay(files: Sequence[Path], channel: str | None, listening: Listening) ->
             replay.cut_off = f", cut off: {file.name}: {log.state.cut_off}"
     if not replay.has_begun:
         raise LogError(f"{files[0]}: no frame of this channel")
-    return replay
-
-
-def _block(lanes: Sequence[tuple[Mapping[str, Any], bytes]], names: str) -> bytes:
-    facts = [facts for facts, _ in lanes]
+    names = ", ".join(file.name for file in files)
+    (line,) = law_lines([replay.law.lower()])
+    facts, rows = replay.lane(replay.law or names, line)
     head = {
         "kind": "replay",
         **shown(),
-        "lanes": facts,
-        "bus": f"recording {names}",
-        "row_period_s": max(lane["row_period_s"] for lane in facts),
-        "duration_s": max(lane["duration_s"] for lane in facts),
+        "lanes": [facts],
+        "bus": f"recording {names}{replay.cut_off}",
+        **{key: facts[key] for key in ("row_period_s", "duration_s")},
     }
     text = json.dumps(head, separators=(",", ":"), allow_nan=False).encode()
-    rows = b"".join(rows for _, rows in lanes)
     return gzip.compress(struct.pack("<I", len(text)) + text + rows, mtime=0)
 
 
@@ -148,7 +119,7 @@ class _Replay:
         """The law that steers at the end; empty where it is not known."""
         return self._sampler.law(self._now_ns)
 
-    def lane(self, number: int, label: str, line: LawLine) -> tuple[Mapping[str, Any], bytes]:
+    def lane(self, label: str, line: LawLine) -> tuple[Mapping[str, Any], bytes]:
         """Return facts and rows of the whole recording."""
         self._leave(self._now_ns + 1)
         end_s = self._now_ns / NS_PER_S
@@ -163,7 +134,7 @@ class _Replay:
             "frame_list_s": self._frame_lists.period_ns / NS_PER_S,
             "frame_lists": self._frame_lists.items,
         }
-        return facts, packed_rows(number, self._rows.items)
+        return facts, packed_rows(0, self._rows.items)
 
     def _leave(self, now_ns: int) -> None:
         """Leave all rows and lists that are due before ``now_ns``."""

@@ -97,7 +97,7 @@ def _run(options: argparse.Namespace) -> int:
         return ExitStatus.OK
     if options.report is not None:
         write = importlib.import_module("steer_by_wire.tools.study.report").write
-        print(f"report: {write(options.report)}")
+        print(f"report: {write(options.report)[0]}")
         return ExitStatus.OK
     if kind := _own_kind(options.study):
         run = importlib.import_module("steer_by_wire.tools.study.own_kinds").run_own_kind

@@ -51,7 +51,7 @@ def run_study(options: argparse.Namespace) -> int:
             for command in write_settings(scenarios, options.replay, store.folder):
                 console.print(f"again: {command}")
             return ExitStatus.OK
-        with _workers(options, scenarios, console) as workers:
+        with _workers(options, scenarios) as workers:
             is_complete = _compute(console, store, workers, scenarios.study.runs, stop)
     if not is_complete:
         stored = store.stored()
@@ -86,11 +86,9 @@ def _sizes(scenarios: Scenarios) -> list[str]:
     return lines
 
 
-def _workers(
-    options: argparse.Namespace, scenarios: Scenarios, console: Console
-) -> AbstractContextManager[Workers]:
+def _workers(options: argparse.Namespace, scenarios: Scenarios) -> AbstractContextManager[Workers]:
     if options.scheduler:
-        return dask_workers(scenarios.study, options.scheduler, console.print)
+        return dask_workers(scenarios.study, options.scheduler)
     return nullcontext(local_workers(scenarios, options.workers))
 
 
@@ -121,7 +119,7 @@ def _report(console: Console, folder: Path) -> None:
     """Write the report of a complete study, where this installation has one."""
     try:
         report = importlib.import_module("steer_by_wire.tools.study.report")
-        page, lines = report.write(folder), report.deviations_asked_for(folder)
+        page, lines = report.write(folder)
     except ImportError as error:
         console.print(f"report: skipped: {error}")
         return

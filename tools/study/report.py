@@ -29,6 +29,7 @@ from .against_pd import comparison_section
 from .fault_reactions import reaction_sections
 from .law_by_delay import (
     CURVES_MAX,
+    LawByDelay,
     draw_error_over_delay,
     largest_deviations,
     law_by_delay,
@@ -38,46 +39,38 @@ from .law_by_delay import (
 PAGE = "report.html"
 
 
-def write(folder: Path) -> Path:
-    """Write page and pictures into the folder of the results; returns the page.
+def write(folder: Path) -> tuple[Path, list[str]]:
+    """Write page and pictures into the folder of the results.
+
+    Returns the page, and the lines with the largest deviations of a study that prints them.
 
     Raises SettingsError where there are no results, OSError where nothing can be written.
     """
     study = read_study(folder)
     rows = read_rows(study)
+    found = law_by_delay(study, rows)
     sections = [
         study_section(study, rows),
         *reaction_sections(study, rows),
-        *_laws(study, rows),
+        *([] if found is None else [_laws(study, found)]),
         comparison_section(study, rows),
     ]
     file = folder / PAGE
     held = np.count_nonzero(rows.verdict == HOLDS)
     verdict = f"{held:,} of {len(rows.id):,} runs hold the path"
     write_text(file, page(f"Study {study.name}", sections, verdict))
-    return file
+    if found is None or not study.report.largest_deviation:
+        return file, []
+    return file, largest_deviations(found)
 
 
-def deviations_asked_for(folder: Path) -> list[str]:
-    """Return the lines with the largest deviations, of a study that prints them."""
-    study = read_study(folder)
-    if not study.report.largest_deviation:
-        return []
-    rows = read_rows(study)
-    found = law_by_delay(study, rows)
-    return [] if found is None else largest_deviations(found)
-
-
-def _laws(study: StudyRecord, rows: Rows) -> list[Section]:
-    found = law_by_delay(study, rows)
-    if found is None:
-        return []
+def _laws(study: StudyRecord, found: LawByDelay) -> Section:
     names = (study.report.error_over_delay or found.controllers)[:CURVES_MAX]
     laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
     with plot_style():
         png = png_of(draw_error_over_delay(found, names, laws))
     write_file(study.folder / "error_over_delay.png", png)
-    return [law_section(found, [Picture(png, "error over delay")])]
+    return law_section(found, [Picture(png, "error over delay")])
 
 
 _LABELS_SHOWN = 16

@@ -22,7 +22,7 @@ from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.programs.failing_disk import failing_disk
 from tests.support.programs.running_program import wait_until
-from tests.support.runs.small_study import STUDY, make_scenarios, open_store
+from tests.support.runs.small_study import STUDY, make_scenarios, open_store, stored_row
 
 RUNS = 48
 
@@ -69,7 +69,7 @@ def test_what_is_whole_is_read(folder: Path, scenarios: Scenarios) -> None:
     assert read_rows(study).id.tolist() == [*range(RUNS)]
     store = open_store(folder, scenarios)
     assert store.stored() == RUNS
-    found = store.find(47)
+    found = stored_row(store, 47)
     assert found is not None
     assert found["id"] == 47
 

@@ -9,7 +9,7 @@ from unittest import mock
 
 import pytest
 
-from steer_by_wire.closed_loop.studies.dask_workers import DaskWorkers, dask_workers
+from steer_by_wire.closed_loop.studies.dask_workers import dask_workers
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from tests.support.runs.small_study import complete, make_scenarios, never, open_store
 from tests.support.suite.combinations import sampled
@@ -35,22 +35,7 @@ def test_a_worker_of_dask_gives_the_same_bytes(tmp_path: Path) -> None:
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, dashboard_address=None, **WORKER
         ) as cluster,
-        dask_workers(scenarios.study, cluster.scheduler_address, print) as workers,
+        dask_workers(scenarios.study, cluster.scheduler_address) as workers,
     ):
-        assert workers.threads() == 1
         assert run_missing(store, workers, lambda _: None, never)
     assert store.results.read_bytes() == expected
-
-
-def test_a_lost_worker_of_many_threads_is_one_worker_in_one_line(tmp_path: Path) -> None:
-    study = make_scenarios(tmp_path).study
-    said: list[str] = []
-    present = iter(({"a": 8, "b": 4}, {"a": 8}, {"a": 8}, {}, {}, {"c": 2}))
-    client = mock.Mock(nthreads=lambda: next(present))
-    workers = DaskWorkers(client, study, "those", said.append)
-    assert [workers.threads() for _ in range(6)] == [12, 8, 8, 1, 1, 2]
-    assert [line.partition(": ")[::2] for line in said] == [
-        ("lost 1 of 2 workers", "the others repeat what was lost"),
-        ("no worker is there", "waiting for one; Ctrl-C keeps what is computed"),
-        ("workers", "1, 1 more than before"),
-    ]

@@ -6,7 +6,7 @@ from steer_by_wire.closed_loop.reports.page import page
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.result_reader import Rows, StudyRecord, read_rows, read_study
 from steer_by_wire.closed_loop.studies.run_study import run_missing
-from steer_by_wire.closed_loop.studies.workers import Threads
+from steer_by_wire.closed_loop.studies.workers import thread_workers
 from steer_by_wire.tools.study.report import study_section
 from tests.support.runs.small_study import make_scenarios, never
 
@@ -45,7 +45,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> StudyRecord:
     scenarios = make_scenarios(folder, STUDY)
     store = Store(folder / "out", scenarios)
     store.open(STUDY)
-    assert run_missing(store, Threads(scenarios, 1), lambda _: None, never)
+    assert run_missing(store, thread_workers(scenarios, 1), lambda _: None, never)
     return read_study(store.folder)
 
 

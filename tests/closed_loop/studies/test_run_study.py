@@ -18,7 +18,7 @@ from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.studies.workers import Block, ShouldStop, Threads
+from steer_by_wire.closed_loop.studies.workers import Block, ShouldStop, thread_workers
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd
@@ -36,6 +36,7 @@ from tests.support.runs.small_study import (
     make_scenarios,
     never,
     open_store,
+    stored_row,
 )
 from tests.support.runs.stored_pair import pair_of_row
 
@@ -90,7 +91,7 @@ def test_two_threads_give_the_same_bytes(whole: Store, tmp_path: Path) -> None:
     assert complete(tmp_path, threads=2).results.read_bytes() == whole.results.read_bytes()
 
 
-@pytest.mark.parametrize("order", [lambda s: Threads(s, 1), Backwards])
+@pytest.mark.parametrize("order", [lambda s: thread_workers(s, 1), Backwards])
 def test_an_interrupted_study_goes_on_and_gives_the_same_bytes(
     whole: Store, tmp_path: Path, order: Callable[[Scenarios], Any]
 ) -> None:
@@ -102,7 +103,7 @@ def test_an_interrupted_study_goes_on_and_gives_the_same_bytes(
         assert not store.is_complete
         stored.append(store.stored())
         assert sorted(run for ids in store.missing() for run in ids) == [
-            run for run in range(RUNS) if store.find(run) is None
+            run for run in range(RUNS) if stored_row(store, run) is None
         ]
     assert 0 < stored[0] < stored[1] < stored[2] < RUNS
     computed: list[int] = []
@@ -118,7 +119,7 @@ def test_a_complete_study_computes_nothing(whole: Store) -> None:
     store.open(STUDY)
     computed: list[int] = []
     assert store.stored() == RUNS
-    assert run_missing(store, Threads(scenarios, 1), computed.append, never)
+    assert run_missing(store, thread_workers(scenarios, 1), computed.append, never)
     assert computed == []
 
 
@@ -132,7 +133,7 @@ def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
     identity = json.loads((whole.folder / "study.json").read_text(encoding="utf-8"))
     scenarios = Scenarios(load_study(whole.folder.parent / "study.toml"))
     for run in (0, 13, RUNS - 1):
-        row = whole.find(run)
+        row = stored_row(whole, run)
         assert row is not None
         assert pair_of_row(identity, row) == scenarios.pair(run)
         assert_nodes_reproduce(scenarios, row)

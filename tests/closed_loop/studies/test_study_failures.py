@@ -13,7 +13,7 @@ from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.run_study import run_missing
-from steer_by_wire.closed_loop.studies.workers import Threads
+from steer_by_wire.closed_loop.studies.workers import thread_workers
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError
@@ -76,7 +76,7 @@ def test_a_study_in_which_the_wheel_is_lost_is_whole_and_that_of_the_nodes(
     for name, threads in (("one", 1), ("two", 2)):
         store = Store(tmp_path / name, scenarios)
         store.open(LOST)
-        assert run_missing(store, Threads(scenarios, threads), lambda _: None, never)
+        assert run_missing(store, thread_workers(scenarios, threads), lambda _: None, never)
         stores.append(store)
     one, two = stores
     assert one.results.read_bytes() == two.results.read_bytes()

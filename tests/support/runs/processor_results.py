@@ -20,7 +20,7 @@ from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.studies.workers import Threads
+from steer_by_wire.closed_loop.studies.workers import thread_workers
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
@@ -126,7 +126,7 @@ def study(folder: Path) -> Iterator[tuple[str, str]]:
     scenarios = Scenarios(load_study(file))
     store = Store(folder / "study", scenarios)
     store.open(text)
-    assert run_missing(store, Threads(scenarios, 2), lambda _: None, lambda: False)
+    assert run_missing(store, thread_workers(scenarios, 2), lambda _: None, lambda: False)
     yield "study", digest(store.results.read_bytes())
 
 

@@ -2,12 +2,15 @@
 
 from importlib import resources
 from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
 
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.studies.workers import Threads
+from steer_by_wire.closed_loop.studies.workers import thread_workers
 
 STUDY = """
 name = "small"
@@ -59,8 +62,17 @@ def open_store(folder: Path, scenarios: Scenarios) -> Store:
 def complete(folder: Path, threads: int = 1) -> Store:
     scenarios = make_scenarios(folder)
     store = open_store(folder, scenarios)
-    assert run_missing(store, Threads(scenarios, threads), lambda _: None, never)
+    assert run_missing(store, thread_workers(scenarios, threads), lambda _: None, never)
     return store
+
+
+def stored_row(store: Store, run: int) -> dict[str, Any] | None:
+    """Return one row by its id; None if it is not stored."""
+    chunks = sorted((store.folder / "chunks").glob("*.parquet"))
+    for file in [store.results] if store.is_complete else chunks:
+        for row in pq.read_table(file, filters=[("id", "=", run)]).to_pylist():
+            return dict(row)
+    return None
 
 
 _SHIPPED = resources.files("steer_by_wire.closed_loop.studies") / "latency_jitter.toml"

@@ -184,17 +184,6 @@ def test_an_exported_replay_plays_from_a_disk(browser: Browser, log: Path, tmp_p
     in_order(browser, file.as_uri())
 
 
-def test_two_recordings_play_beside_each_other(browser: Browser, log: Path, tmp_path: Path) -> None:
-    file, first = tmp_path / "both.html", tmp_path / "first.log"
-    first.write_text("".join(log.read_text("ascii").splitlines(keepends=True)[:800]), "ascii")
-    assert main([str(first), str(log), "--beside", "--export", str(file)]) == 0
-    opened(browser, file.as_uri())
-    assert browser.read("cockpit.lanes.map((rows) => rows.endS < 3)") == [True, False]
-    names = "[...document.querySelectorAll('#figures .who')].map((one) => one.innerText).join()"
-    assert browser.read(names).endswith("first,run")
-    in_order(browser, file.as_uri())
-
-
 def test_the_page_fits_a_phone(browser: Browser, replay: str) -> None:
     browser.resize(390, 844, is_phone=True)
     opened(browser, replay)

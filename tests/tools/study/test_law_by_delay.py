@@ -21,7 +21,7 @@ from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import make_study
 from steer_by_wire.closed_loop.studies.study_file import StudySettings
 from steer_by_wire.closed_loop.studies.study_file import read_study as read_file
-from steer_by_wire.closed_loop.studies.workers import Threads
+from steer_by_wire.closed_loop.studies.workers import thread_workers
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.law_by_delay import (
     LawByDelay,
@@ -29,7 +29,7 @@ from steer_by_wire.tools.study.law_by_delay import (
     law_by_delay,
     law_section,
 )
-from tests.support.runs.small_study import make_scenarios, never
+from tests.support.runs.small_study import make_scenarios, never, stored_row
 from tests.support.runs.stored_pair import pair_of_row
 
 SHIPPED = Path(__file__).parents[3] / "closed_loop" / "studies"
@@ -65,7 +65,7 @@ def computed(folder: Path, settings: StudySettings) -> tuple[StudyRecord, Rows]:
     scenarios = Scenarios(make_study(settings, "study.toml", folder))
     store = Store(folder / "out", scenarios)
     store.open("")
-    assert run_missing(store, Threads(scenarios, 2), lambda _: None, never)
+    assert run_missing(store, thread_workers(scenarios, 2), lambda _: None, never)
     study = read_study(store.folder)
     return study, read_rows(study)
 
@@ -204,11 +204,11 @@ def test_a_variant_has_settings_of_its_own_and_changes_the_plant_of_its_runs_alo
     assert quick.plant.latency.downlink.mean_s == 0.1
     store = Store(tmp_path / "out", scenarios)
     store.open(VARIANTS)
-    assert run_missing(store, Threads(scenarios, 1), lambda _: None, never)
+    assert run_missing(store, thread_workers(scenarios, 1), lambda _: None, never)
     table = run_study(tmp_path / "study.toml")
     assert table["samples"].tolist() == [200.0, 400.0, 200.0] * 2
     for run, pair in ((3, plain), (4, quick), (5, with_map)):
-        row = store.find(run)
+        row = stored_row(store, run)
         assert row is not None
         assert pair_of_row(json.loads(scenarios.study.identity), row) == pair
 

@@ -18,7 +18,7 @@ from steer_by_wire.closed_loop.studies.result_reader import (
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
-from steer_by_wire.closed_loop.studies.workers import Threads
+from steer_by_wire.closed_loop.studies.workers import thread_workers
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import __main__
@@ -66,7 +66,7 @@ def computed(folder: Path, text: str) -> Path:
     scenarios = Scenarios(load_study(file))
     store = Store(folder / "out", scenarios)
     store.open(text)
-    assert run_missing(store, Threads(scenarios, 1), lambda _: None, lambda: False)
+    assert run_missing(store, thread_workers(scenarios, 1), lambda _: None, lambda: False)
     return store.folder
 
 
@@ -84,7 +84,7 @@ def study(results: Path) -> StudyRecord:
 
 
 def test_the_page_holds_everything_and_needs_nothing(results: Path) -> None:
-    file = write(results)
+    file, _ = write(results)
     text = file.read_text(encoding="utf-8")
     root = ET.fromstring(text.partition("\n")[2])  # noqa: S314 - our own page
     assert file == results / PAGE
@@ -140,8 +140,8 @@ def test_the_page_of_drawn_factors_is_the_same_whenever_it_is_written(
     drawn = drawn.replace("duration_s = 8.0", "duration_s = 2.0").replace("at_s = 1.0", "at_s = 0")
     drawn = drawn.replace("seed = 7", 'seed = 7\nkind = "latin_hypercube"\ncount = 50')
     folder = computed(tmp_path, drawn)
-    first = write(folder).read_bytes()
-    assert write(folder).read_bytes() == first
+    first = write(folder)[0].read_bytes()
+    assert write(folder)[0].read_bytes() == first
 
 
 def test_a_study_without_latencies_has_a_page_too(
@@ -149,7 +149,7 @@ def test_a_study_without_latencies_has_a_page_too(
 ) -> None:
     bare = STUDY.partition("[[factors]]")[0].replace("duration_s = 8.0", "duration_s = 2.0")
     folder = computed(tmp_path, bare)
-    assert "data:image/png;base64," not in write(folder).read_text(encoding="utf-8")
+    assert "data:image/png;base64," not in write(folder)[0].read_text(encoding="utf-8")
 
 
 # What is read and aggregated
@@ -175,11 +175,6 @@ def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> 
         rms_m=np.array(rms_m),
         peak_m=np.array(rms_m),
         settled_rms_m=np.array(rms_m),
-        preview_rms_m=2.0 * np.array(rms_m),
-        preview_peak_m=2.0 * np.array(rms_m),
-        settled_preview_rms_m=2.0 * np.array(rms_m),
-        duration_s=np.ones(count),
-        latency_mean_s=np.zeros(count),
         steer_rms_rad=np.array(rms_m) / 10.0,
         steer_rate_rms_rad_s=np.array(rms_m),
         limited_share=np.zeros(count),
