@@ -6,7 +6,7 @@ The databases of other people's vehicles: their signals are not decoded here.
 import logging
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cantools.database
 import textparser
@@ -16,6 +16,7 @@ from ..runtime.exit_status import one_line
 from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
 from ..runtime.frame.length_with_stuff_bits import padded_length
 from ..runtime.input_file import bounded, read_bytes
+from ..runtime.settings import SettingsError
 from ..runtime.settings.settings import encoding_of
 
 CYCLE_MS_MIN, CYCLE_MS_MAX = 0.05, 1e7
@@ -106,21 +107,24 @@ def load_database(path: Path) -> Database:
 def cycle_ms_of(message: Message) -> float | None:
     """Return a message's cycle time; None for one that is sent on events [ms].
 
-    A default of the database holds for what is sent in cycles alone. Databases store it as a whole
-    number, a float or a text; raises ValueError for what is no number.
+    A default of the database holds for what is sent in cycles alone. Databases store it as a
+    number, a text, or the place in a list of texts; raises SettingsError for what is no number.
     """
-    has_own = message.dbc is None or "GenMsgCycleTime" in message.dbc.attributes
-    is_cyclic = has_own or "cyclic" in str(message.send_type or "cyclic").lower()
-    if not is_cyclic or not message.cycle_time:
+    own = message.dbc and message.dbc.attributes.get("GenMsgCycleTime")
+    is_cyclic = own or not message.dbc or "cyclic" in str(message.send_type or "cyclic").lower()
+    told: Any = message.cycle_time
+    if not is_cyclic or not told:
         return None
     try:
-        cycle_ms = float(message.cycle_time)
-    except ValueError:
+        if own and own.definition.choices and isinstance(told, int):
+            told = own.definition.choices[told]
+        cycle_ms = float(str(told).removesuffix("ms"))
+    except (ValueError, LookupError):
         cycle_ms = math.nan
     if cycle_ms <= 0.0:  # of messages that are sent on events
         return None
     if not math.isfinite(cycle_ms):
-        raise ValueError(f"{message.name} has a cycle time of {message.cycle_time!r}, no number")
+        raise SettingsError(f"{message.name} has a cycle time of {told!r}, no number")
     return cycle_ms
 
 

@@ -1,6 +1,10 @@
 """Exit status of a program, and the errors that end it with a line for the user."""
 
 from enum import IntEnum
+from textwrap import shorten
+
+LENGTH_MAX = 400
+"""Of another library's text, which may hold a whole file; chosen."""
 
 
 class ExitStatus(IntEnum):
@@ -53,7 +57,7 @@ def one_line(error: BaseException) -> str:
     Some libraries put a traceback into the text.
     """
     text = str(error).partition("Traceback (most recent call last)")[0]
-    return " ".join(text.split()) or type(error).__name__
+    return shorten(text, LENGTH_MAX, placeholder=" ...") or type(error).__name__
 
 
 def printable(text: str) -> str:

@@ -77,9 +77,19 @@ def read_dialect(file: Path) -> Dialect:
     settings = load_settings(DialectSettings, file=file)
     database = file.parent / settings.dbc
     listed = read_database(database, f"{file}: dbc")
+    dialect, mistakes = checked(settings, listed, database)
+    if mistakes:
+        raise SettingsError(*(f"{file}: {where}{mistake}" for where, mistake in mistakes))
+    return dialect
+
+
+def checked(
+    settings: DialectSettings, listed: Sequence[Message], database: Path
+) -> tuple[Dialect, Sequence[tuple[str, str]]]:
+    """Return the dialect of settings, and each mistake: its key or message's table, and what."""
     known = {message.name: message for message in listed}
     mistakes = [
-        f"keep: {name} is no message of ours ({hint(name, MESSAGE_TYPES)})"
+        ("keep", f": {name} is no message of ours ({hint(name, MESSAGE_TYPES)})")
         for name in settings.keep
         if name not in MESSAGE_TYPES
     ]
@@ -89,17 +99,17 @@ def read_dialect(file: Path) -> Dialect:
         where = f"messages.{name}"
         message = known.get(name)
         if message is None:
-            mistakes.append(f"{where}: {settings.dbc} has no such message ({hint(name, known)})")
+            what = f": {settings.dbc} has no such message ({hint(name, known)})"
+            mistakes.append((where, what))
             continue
         if why := ambiguity(message, listed):
-            mistakes.append(f"{where}: {why}")
+            mistakes.append((where, f": {why}"))
             continue
         if message.frame_id in kept and not message.is_extended_frame:
             own = kept[message.frame_id]
-            mistakes.append(
-                f"{where}: has the identifier {message.frame_id:#x} of {own}, which is kept"
-            )
-        found = [f"{where}{mistake}" for mistake in mistakes_in(message, one)]
+            what = f": has the identifier {message.frame_id:#x} of {own}, which is kept"
+            mistakes.append((where, what))
+        found = list(mistakes_in(message, one))
         if not found:
             constants = {
                 key: raw_constant(message.get_signal_by_name(key), value)
@@ -108,16 +118,14 @@ def read_dialect(file: Path) -> Dialect:
             made = CarMessage(message, one, constants)
             identity = made.can_id, made.flags
             same = [it.name for it in messages if (it.can_id, it.flags) == identity]
-            found += [f"{where}: has the identifier {made.can_id:#x} of {other}" for other in same]
-            found += [f"{where}{why}"] if (why := refuses_itself(made)) else []
+            found += [f": has the identifier {made.can_id:#x} of {other}" for other in same]
+            found += [why] if (why := refuses_itself(made)) else []
             messages.append(made)
-        mistakes += found
+        mistakes += [(where, mistake) for mistake in found]
     dialect = Dialect(tuple(messages), frozenset(kept), database)
     if not mistakes and Quantity.STEER not in dialect.carried:
-        mistakes.append("messages: no signal carries steer_rad, so no one can steer")
-    if mistakes:
-        raise SettingsError(*(f"{file}: {mistake}" for mistake in mistakes))
-    return dialect
+        mistakes.append(("messages", ": no signal carries steer_rad, so no one can steer"))
+    return dialect, mistakes
 
 
 def read_database(file: Path, where: str) -> Sequence[Message]:

@@ -2,7 +2,9 @@
 
 import json
 import re
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,8 +13,8 @@ from cantools.database.can import Message, Signal
 from ...runtime.node.end import End
 from ..foreign_messages import cycle_ms_of
 from .car_message import signal_range
-from .impossible import ambiguity
-from .settings import CYCLE_MS_MAX, CYCLE_MS_MIN, Quantity
+from .dialect import checked
+from .settings import CYCLE_MS_MAX, CYCLE_MS_MIN, DialectSettings, Quantity
 
 CYCLE_MS = 20
 """Of a message whose cycle the database does not tell."""
@@ -75,23 +77,32 @@ def proposal(messages: Sequence[Message], dbc: Path) -> str:
     if lateral is not None:
         name = f"{lateral[0].name}.{lateral[1].signal.name}"
         keep = f'# keep = ["LATERAL_ERROR"]  # ours, in place of {name}, if that guess is wrong'
-    blocks = [
+    head = [
         f"# A first mapping of {dbc.name}; each line with '# guess' is one. Check it with the car,",
         "# add constants that your controller needs to see, and messages that it waits for; then:",
         "# steer-by-wire dialect check FILE",
         f"dbc = {_quoted(dbc.name)}",
         keep,
-        "",
     ]
+    tables: dict[str, list[str]] = {}
     for message in messages:
         sender = End.CONTROLLER if message.name in commands else End.PLANT
         guesses = list(_guesses(message, sender))
         guesses += [lateral[1]] if lateral is not None and lateral[0] is message else []
-        if guesses and (why := ambiguity(message, messages)):
-            blocks += [f"# {_key(message.name)} is left out: {why}", ""]
-        elif guesses:
-            blocks += [*_block(message, sender, guesses), ""]
-    return "\n".join(blocks)
+        if guesses:
+            once = {guess.signal.name: guess for guess in guesses}
+            tables[f"messages.{message.name}"] = _block(message, sender, [*once.values()])
+    mistakes: Sequence[tuple[str, str]] = ()
+    if tables:
+        text = "\n".join([*head, *chain(*tables.values())])
+        settings = DialectSettings.model_validate(tomllib.loads(text))
+        _, mistakes = checked(settings, messages, dbc)
+    for place in tables.keys() & dict(mistakes).keys():  # check would refuse them
+        whys = [mistake.lstrip(".: ") for where, mistake in mistakes if where == place]
+        name = _key(place.removeprefix("messages."))
+        told = [f"# {name} is left out: {why}" for why in whys]
+        tables[place] = told + [f"# {line}" for line in tables[place]]
+    return "\n\n".join("\n".join(lines) for lines in (head, *tables.values())) + "\n"
 
 
 def _carries(message: Message, quantity: Quantity) -> bool:
@@ -151,7 +162,7 @@ def _key(name: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    return json.dumps(text)
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _block(message: Message, sender: str, guesses: Sequence[Guess]) -> list[str]:

@@ -90,6 +90,9 @@ def _check(options: argparse.Namespace) -> int:
     if not edge.report()["dialect"]["accepted"]:
         print("no command was accepted: the mapping does not carry the loop")
         return ExitStatus.CONDITION
+    if failure := edge.report()["failure"] or controller.report()["failure"]:
+        print(f"the loop ended after {edge.report()['motion_s']:.1f} s: {failure}")
+        return ExitStatus.CONDITION
     return ExitStatus.OK
 
 

@@ -1,5 +1,6 @@
 """Databases as other tools write them: read right, or refused with the reason."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -67,6 +68,7 @@ def test_a_first_mapping_is_toml_whatever_the_names(
     messages = load_database(database).messages
     messages[0].name = message
     messages[0].signals[0].name = f"angle_req {name}"
+    messages[0].refresh(strict=False)
     tables = tomllib.loads(proposal(messages, database))
     assert f"angle_req {name}" in tables["messages"][message]["signals"]
 
@@ -79,6 +81,59 @@ def test_a_first_mapping_has_cycles_that_a_dialect_takes(
     _, dialect = mapped(tmp_path_factory.mktemp("car"), CAR + cycle)
     expected = min(max(float(f"{cycle_ms:.3f}"), 1.0), 60_000.0)
     assert dialect.messages[1].settings.cycle_ms == pytest.approx(expected, rel=1e-4)
+
+
+LAYOUT = st.tuples(
+    st.integers(0, 63), st.integers(1, 64), st.integers(0, 1), st.sampled_from("+-"),
+    st.sampled_from(["0.1", "-0.1", "0", "1e-9"]),
+)  # fmt: skip
+
+
+@given(command=LAYOUT, flag=LAYOUT, wheel=LAYOUT, can_id=st.sampled_from([256, 272, 512]))
+def test_what_is_proposed_is_what_check_takes(
+    command: tuple[object, ...], flag: tuple[object, ...], wheel: tuple[object, ...],
+    can_id: int, tmp_path_factory: pytest.TempPathFactory,
+) -> None:  # fmt: skip
+    file = tmp_path_factory.mktemp("car") / "car.dbc"
+    line = ' SG_ {} : {}|{}@{}{} ({},0) [0|0] "deg" EPS\n'
+    steering = f"BO_ {can_id} STEERING: 8 EPS\n" + line.format("STEER_ANGLE", *wheel)
+    signals = line.format("ANGLE_REQ", *command) + line.format("REQ_ACTIVE", *flag)
+    file.write_text(f'VERSION ""\nBU_: EPS CAM\n{COMMAND}{signals}\n{steering}\n')
+    mapping = file.with_suffix(".toml")
+    mapping.write_text(proposal(load_database(file).messages, file))
+    try:
+        read_dialect(mapping)
+    except SettingsError as error:
+        assert "LKAS_CMD" not in tomllib.loads(mapping.read_text()).get("messages", {})
+        assert re.search("no signal carries steer_rad|messages is missing", str(error))  # noqa: PT017
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        ("FLOAT 0 9999", "20.0"),
+        ("HEX 0 9999", "20"),
+        ('ENUM "10","20"', "1"),
+        ("STRING", '"20 ms"'),
+    ],
+)
+def test_a_cycle_is_read_from_an_attribute_of_any_type(
+    tmp_path: Path, kind: str, value: str
+) -> None:
+    file = tmp_path / "car.dbc"
+    cycle = f'BA_DEF_ BO_ "GenMsgCycleTime" {kind};\nBA_ "GenMsgCycleTime" BO_ 512 {value};\n'
+    file.write_text(CAR + cycle)
+    assert [cycle_ms_of(one) for one in load_database(file).messages] == [None, 20.0]
+    _, dialect = mapped(tmp_path, CAR + cycle)
+    assert dialect.messages[1].settings.cycle_ms == 20.0
+
+
+def test_an_error_of_a_file_without_line_ends_is_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "page.dbc"
+    file.write_text("<html>" + "x" * 10_000)
+    with pytest.raises(ValueError, match=r"no \.dbc file") as refused:
+        load_database(file)
+    assert len(str(refused.value)) < 600
 
 
 DOUBTFUL = {
