@@ -11,7 +11,7 @@
     K   torque gradient [N m/rad]                 G_n   ``nominal_road``
     slow   low-pass of the washout: what is slower reaches the hand from the road alone
 
-The discrete cdob is that of ``sampled_loop``, which computes where the loop is stable. To each law
+The discrete cdob is that of ``sampled_laws``. To each law
 come damping and friction of the motor, and, if asked for, a passivity controller: it counts the
 energy that the feedback has given to the wheel, and damps the wheel as soon as it gave more than it
 took (B. Hannaford and J.-H. Ryu, Time-domain passivity control of haptic interfaces, IEEE
@@ -24,7 +24,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..dbc.messages import Message, SteeringForce, SteeringStatus
-from .sampled_loop import zero_order_hold
+from .sampled_laws import zero_order_hold
 from .wheel import LinearSystem
 
 Row = tuple[float, ...]

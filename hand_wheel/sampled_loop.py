@@ -11,38 +11,22 @@ The number of unstable roots at n = 0 is counted by eigenvalues. With n a root c
 circle only at a frequency with |L| = 1, L(ω) = h (e^(jωT) I - F)⁻¹ g, and at n ω T = arg L(ω): it
 leaves the circle where |L| falls with ω, and comes back where |L| rises. Counting these crossings
 gives every range of unstable round trips, not only the first one.
-
-With a communication disturbance observer (CDOB) the torque at the wheel is
-
-    T = F + d - slow(d)      d = Q (G_n θ - F)      Q = ω_c/(s + ω_c)
-
-    F     the road's torque as it arrives
-    G_n   nominal way from the wheel's angle to the road's torque, without a bus
-    slow  low-pass of the washout: what is slower reaches the hand from the road alone
 """
 
 from collections.abc import Callable, Iterator
-from itertools import pairwise
-from math import exp, pi
+from math import pi
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm, schur
+from scipy.linalg import block_diag, schur
 
+from .sampled_laws import PASS_THROUGH, SampledLaw, zero_order_hold
 from .wheel import LinearSystem, Matrix
 
 _FREQUENCY_MIN_RAD_S = 1e-3
 _FREQUENCIES = 4000
 _BISECTIONS = 50
-
-
-class FeedbackCdob(NamedTuple):
-    """A CDOB at the wheel; ``nominal`` from angle [rad] to torque [N m], washout 0 for none."""
-
-    nominal: LinearSystem
-    cutoff_rad_s: float = 50.0
-    washout_rad_s: float = 2.0
 
 
 class UnstableRange(NamedTuple):
@@ -67,31 +51,18 @@ class SampledFeedback(NamedTuple):
 
 
 def sampled_feedback(
-    wheel: LinearSystem, road: LinearSystem, cycle_s: float, cdob: FeedbackCdob | None = None
+    wheel: LinearSystem, road: LinearSystem, cycle_s: float, law: SampledLaw = PASS_THROUGH
 ) -> SampledFeedback:
-    """Return the loop, cut where the bus is."""
-    parts = [wheel, road] if cdob is None else [wheel, road, cdob.nominal]
-    sampled = [zero_order_hold(part, cycle_s) for part in parts]
-    first = np.cumsum([0, *(len(part.b) for part in parts)])
-    size = int(first[-1]) + (0 if cdob is None else 2)
-    f, g, h = np.zeros((size, size)), np.zeros(size), np.zeros(size)
-    places = [slice(low, high) for low, high in pairwise(first)]
-    for place, (a, b, _) in zip(places, sampled, strict=True):
-        f[place, place] = a
-        if place.start:
-            f[place, places[0]] = np.outer(b, wheel.c)
-    of_torque = sampled[0].b
-    g[places[0]] = of_torque
-    h[places[1]] = road.c
-    if cdob is not None:
-        observed, slow = size - 2, size - 1
-        kept, kept_slow = exp(-cdob.cutoff_rad_s * cycle_s), exp(-cdob.washout_rad_s * cycle_s)
-        f[places[0], observed] += of_torque
-        f[places[0], slow] -= of_torque
-        f[observed, observed] = kept
-        f[observed, places[2]] = (1.0 - kept) * cdob.nominal.c
-        g[observed] = kept - 1.0
-        f[slow, slow], f[slow, observed] = kept_slow, 1.0 - kept_slow
+    """Return the loop, cut where the bus is; no torque of the driver but by his grip."""
+    (a, b, c), (a_road, b_road, c_road) = (zero_order_hold(part, cycle_s) for part in (wheel, road))
+    of_angle, of_road, _ = law.b.T
+    by_angle, by_road, _ = law.d
+    f = block_diag(a + by_angle * np.outer(b, c), a_road, law.a)
+    first, last = len(b), len(b) + len(b_road)
+    f[first:last, :first] = np.outer(b_road, c)
+    f[:first, last:], f[last:, :first] = np.outer(b, law.c), np.outer(of_angle, c)
+    g = np.concatenate((by_road * b, np.zeros(len(b_road)), of_road))
+    h = np.concatenate((np.zeros(first), c_road, np.zeros(len(law.c))))
     return SampledFeedback(f, g, h, cycle_s)
 
 
@@ -174,12 +145,3 @@ def _response_of(loop: SampledFeedback) -> Callable[[Matrix], NDArray[np.complex
         return np.asarray(h @ states, np.complex128)
 
     return response
-
-
-def zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:
-    """Return the system sampled every ``time_s``, its input held between."""
-    order = len(system.b)
-    both = np.zeros((order + 1, order + 1))
-    both[:order, :order], both[:order, order] = system.a, system.b
-    exponential = expm(both * time_s)
-    return LinearSystem(exponential[:order, :order], exponential[:order, order], system.c)

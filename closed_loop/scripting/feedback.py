@@ -4,12 +4,8 @@ import numpy as np
 
 from ...hand_wheel.nominal_road import Rack, RoadVehicle
 from ...hand_wheel.nominal_road import road_torque as nominal_road_torque
-from ...hand_wheel.sampled_loop import (
-    FeedbackCdob,
-    SampledFeedback,
-    sampled_feedback,
-    unstable_round_trips,
-)
+from ...hand_wheel.sampled_laws import PASS_THROUGH, sampled_cdob
+from ...hand_wheel.sampled_loop import SampledFeedback, sampled_feedback, unstable_round_trips
 from ...hand_wheel.settings import HandWheelSettings
 from ...hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
 from ...plant_emulator.settings import PlantSettings
@@ -45,10 +41,12 @@ def feedback_loop(plant: PlantSettings, wheel: HandWheelSettings) -> SampledFeed
     held = held_wheel(
         HandWheel(table.inertia_kg_m2, damping_n_m_s, table.motor_lag_s), GRIPS[wheel.driver.grip]
     )
-    cdob = None
+    sampled = PASS_THROUGH
     if law.law == "cdob":
-        cdob = FeedbackCdob(wheel.nominal_way, law.cutoff_rad_s, law.washout_rad_s)
-    return sampled_feedback(held, road, wheel.cycle_s, cdob)
+        sampled = sampled_cdob(
+            wheel.nominal_way, wheel.cycle_s, law.cutoff_rad_s, law.washout_rad_s
+        )
+    return sampled_feedback(held, road, wheel.cycle_s, sampled)
 
 
 def computed_text(plant: PlantSettings, wheel: HandWheelSettings) -> str:

@@ -15,7 +15,8 @@ from steer_by_wire.hand_wheel.feedback_laws import (
     resist,
 )
 from steer_by_wire.hand_wheel.nominal_road import RoadVehicle
-from steer_by_wire.hand_wheel.sampled_loop import FeedbackCdob, sampled_feedback, zero_order_hold
+from steer_by_wire.hand_wheel.sampled_laws import sampled_cdob, zero_order_hold
+from steer_by_wire.hand_wheel.sampled_loop import sampled_feedback
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
@@ -60,7 +61,7 @@ def test_the_cdob_of_the_node_is_that_of_the_analysis(
     p, step = wheel.feedback_params, FEEDBACK_LAWS["cdob"].step
     road = road_torque(vehicle_of(wheel), gradient, Rack(lag_s=LAG_S))
     held = held_wheel(HandWheel(), GRIPS["loose"])
-    loop = sampled_feedback(held, road, wheel.cycle_s, FeedbackCdob(road))
+    loop = sampled_feedback(held, road, wheel.cycle_s, sampled_cdob(road, wheel.cycle_s))
     moved = zero_order_hold(held, wheel.cycle_s)
     whole, ours, state = np.zeros(len(loop.g)), np.zeros(3), feedback_at_rest(p)
     for arrived in np.random.default_rng(seed).normal(0.0, 1.0, 200):

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from steer_by_wire import SettingsError, feedback_stability
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.hand_wheel.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.sampled_loop import (
-    FeedbackCdob,
     SampledFeedback,
     sampled_feedback,
     tolerated_jitter_s,
@@ -32,7 +32,8 @@ def loop_of(
 ) -> SampledFeedback:  # fmt: skip
     road = road_torque(sedan(speed_km_h), gradient_n_m, Rack(rack_hz))
     wheel = held_wheel(HandWheel(damping_n_m_s=damping_n_m_s), GRIPS[grip])
-    return sampled_feedback(wheel, road, cycle_s, FeedbackCdob(road) if has_cdob else None)
+    law = sampled_cdob(road, cycle_s) if has_cdob else PASS_THROUGH
+    return sampled_feedback(wheel, road, cycle_s, law)
 
 
 def first_unstable_ms(loop: SampledFeedback) -> float:

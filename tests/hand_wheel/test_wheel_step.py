@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from steer_by_wire import feedback_stability
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.hand_wheel.sampled_laws import zero_order_hold
 from steer_by_wire.hand_wheel.sampled_loop import (
     SampledFeedback,
     sampled_feedback,
     unstable_round_trips,
-    zero_order_hold,
 )
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel

@@ -20,11 +20,8 @@ import numpy as np
 
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
 from steer_by_wire.hand_wheel.node import HandWheelNode
-from steer_by_wire.hand_wheel.sampled_loop import (
-    FeedbackCdob,
-    sampled_feedback,
-    unstable_round_trips,
-)
+from steer_by_wire.hand_wheel.sampled_laws import PASS_THROUGH, sampled_cdob
+from steer_by_wire.hand_wheel.sampled_loop import sampled_feedback, unstable_round_trips
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
 from steer_by_wire.plant_emulator.node.node import PlantNode
@@ -88,9 +85,9 @@ def is_unstable(loop: Loop, gradient_n_m: float) -> bool:
         road = LinearSystem(road.a, road.b, of_wheel)
     wheel = held_wheel(HandWheel(damping_n_m_s=loop.damping_n_m_s), GRIPS[loop.grip])
     cycle_s = loop.cycle_ms / 1e3
-    cdob = FeedbackCdob(road) if loop.law == "cdob" else None
+    law = sampled_cdob(road, cycle_s) if loop.law == "cdob" else PASS_THROUGH
     round_trip_s = (loop.down + loop.up) * cycle_s
-    ranges = unstable_round_trips(sampled_feedback(wheel, road, cycle_s, cdob), round_trip_s)
+    ranges = unstable_round_trips(sampled_feedback(wheel, road, cycle_s, law), round_trip_s)
     return any(
         low <= round_trip_s and (high is None or round_trip_s < high) for low, high, _ in ranges
     )

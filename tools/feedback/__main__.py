@@ -7,22 +7,28 @@ ways together: exact for whole cycles, for small angles and the tyres' grip at r
 loop that is stable again at a longer round trip; --json has every range. The last column is the
 round trip up to which the wheel is passive after Colgate, from damping and torque gradient alone.
 With --jitter-at a table for each round trip shows by how much more it may vary, in any pattern.
+
+--frontier compares the feedback laws, each at its best for a round trip, at equal torque noise and
+with the middle one of the torque gradients and of the speeds: how much of the felt torque is
+changed (RMS of 0.3 to 3 Hz) and how late a change of the road is felt. All hold the gradient ±40 %
+and jitter of 30 %; runs add friction, a patch of ice, jitter from frame to frame.
 """
 
 import argparse
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import product
+from itertools import groupby, product
 from math import inf
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.table import Table
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console, plain_table
 from steer_by_wire.closed_loop.scripting.feedback import UP_TO_S, Rack, road_torque
+from steer_by_wire.hand_wheel.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.sampled_loop import (
-    FeedbackCdob,
     UnstableRange,
     sampled_feedback,
     tolerated_jitter_s,
@@ -43,6 +49,8 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_file
 from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.feedback.frontier import ROUND_TRIPS_S, Bench, Point
+from steer_by_wire.tools.feedback.frontier_runs import frontier
 
 NAME = "steer-by-wire feedback"
 
@@ -113,6 +121,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--plot", type=output_file, metavar="FILE.png",
         help="draw the first unstable round trip over the torque gradient",
     )  # fmt: skip
+    parser.add_argument(
+        "--frontier", type=Path, metavar="DIR",
+        help="compare the feedback laws instead; writes frontier.png and frontier.json there",
+    )  # fmt: skip
+    parser.add_argument(
+        "--torque-noise", type=number(0.001, 10.0, "N m"), default=0.05, metavar="N_M",
+        help="noise that each law of the frontier may make, RMS (default: %(default)g N m)",
+    )  # fmt: skip
     add_json_argument(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -120,6 +136,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     preset = read_preset(PRESETS, options.preset)
     vehicle = vehicle_params(load_settings(PlantSettings, preset).vehicle)
+    if options.frontier is not None:
+        return _show_frontier(options, vehicle)
     rows = [
         feedback_row(options, vehicle, *case)
         for case in product(options.torque_gradients, GRIPS, options.speeds_km_h)
@@ -145,22 +163,75 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.OK
 
 
+def _show_frontier(options: argparse.Namespace, vehicle: VehicleParams) -> int:
+    from steer_by_wire.tools.feedback.picture import draw_frontier  # loads matplotlib
+
+    gradient_n_m, km_h = (
+        sorted(each)[len(each) // 2] for each in (options.torque_gradients, options.speeds_km_h)
+    )
+    bench = Bench(
+        vehicle._replace(speed_m_s=km_h / 3.6),
+        gradient_n_m,
+        _rack(options),
+        HandWheel(options.inertia, options.damping),
+        options.cycle_ms / 1e3,
+        options.torque_noise,
+    )
+    points = frontier(bench)
+    title = f"{options.preset}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
+    tables = [
+        _frontier_table(points, f"felt torque changed by [%], {title}", _changed),
+        _frontier_table(points, "a change of the road felt after [ms]", _late),
+    ]
+    record = [
+        point._asdict() | {"design": point.design and point.design.settings} for point in points
+    ]
+    options.frontier.mkdir(parents=True, exist_ok=True)
+    write_file(options.frontier / "frontier.png", draw_frontier(points, title))
+    show = partial(plain_console().print, *tables, sep="\n")
+    show_or_write(options.frontier / "frontier.json", {"title": title, "points": record}, show)
+    return ExitStatus.OK
+
+
+def _frontier_table(points: Sequence[Point], title: str, cell: Callable[[Point], str]) -> Table:
+    """Return a line for each law, a column for each round trip."""
+    table = plain_table(("law",), [f"{1e3 * at_s:g} ms" for at_s in ROUND_TRIPS_S], title)
+    for law, each in groupby(points, lambda point: point.law):
+        table.add_row(law, *map(cell, each))
+    return table
+
+
+def _changed(point: Point) -> str:
+    """Return the error; F, I, J: the wheel shakes in the run with friction, ice or jitter."""
+    marks = "".join(condition[0].upper() for condition in point.fails)
+    return "none" if point.design is None else f"{1e2 * point.changed:.0f}{marks and f' {marks}'}"
+
+
+def _late(point: Point) -> str:
+    return "never" if point.late_s == inf else f"{1e3 * point.late_s:.0f}"
+
+
 def feedback_row(
     options: argparse.Namespace, vehicle: VehicleParams, gradient_n_m: float, grip: str, km_h: float
 ) -> Row:
     """Return the unstable round trips of one loop."""
     cycle_s, damping_n_m_s = options.cycle_ms / 1e3, options.damping
-    lag_s = None if options.lag_ms is None else options.lag_ms / 1e3
-    rack = Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio, lag_s=lag_s)
-    road = road_torque(vehicle._replace(speed_m_s=km_h / 3.6), gradient_n_m, rack)
+    road = road_torque(vehicle._replace(speed_m_s=km_h / 3.6), gradient_n_m, _rack(options))
     wheel = held_wheel(HandWheel(options.inertia, damping_n_m_s), GRIPS[grip])
-    cdob = None if options.cdob is None else FeedbackCdob(road, options.cdob, options.washout)
-    loop = sampled_feedback(wheel, road, cycle_s, cdob)
+    law = PASS_THROUGH
+    if options.cdob is not None:
+        law = sampled_cdob(road, cycle_s, options.cdob, options.washout)
+    loop = sampled_feedback(wheel, road, cycle_s, law)
     held_n_m_s = damping_n_m_s + GRIPS[grip].damping_n_m_s
     passive_s = max(0.0, held_n_m_s / gradient_n_m - 0.5 * cycle_s)
     jitter_s = tuple(tolerated_jitter_s(loop, at_ms / 1e3) for at_ms in options.jitter_at)
     unstable = unstable_round_trips(loop, UP_TO_S)
     return Row(gradient_n_m, grip, km_h, unstable, passive_s, jitter_s)
+
+
+def _rack(options: argparse.Namespace) -> Rack:
+    lag_s = None if options.lag_ms is None else options.lag_ms / 1e3
+    return Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio, lag_s=lag_s)
 
 
 def result_table(rows: Sequence[Row], speeds_km_h: Sequence[float], title: str) -> Table:

@@ -1,4 +1,4 @@
-"""Picture of ``steer-by-wire feedback``: the first unstable round trip over the torque gradient."""
+"""Pictures of ``steer-by-wire feedback``: first unstable round trips, and the frontier of laws."""
 
 from collections.abc import Iterable
 from itertools import groupby
@@ -6,9 +6,18 @@ from itertools import groupby
 from matplotlib.figure import Figure
 
 from steer_by_wire.closed_loop.reports.plot_style import plot_style, png_of
+from steer_by_wire.tools.feedback.frontier import Point
 
 FIRST_MS_MIN = 1.0
 """Of the logarithmic axis; what is unstable without a delay lies below it."""
+FELT_LATE_MS = {
+    45.0: "sight against touch",
+    75.0: "tasks suffer",
+    200.0: "steering suffers severely",
+}
+"""As the literature has it (Smith and Kaplan 1970 for the last); none is of a steer-by-wire."""
+REAL_BUS_MS = 20.0
+"""A cycle of 10 ms each way."""
 
 
 def draw(first_s: Iterable[tuple[float, str, float, float]], cycle_s: float, title: str) -> bytes:
@@ -32,4 +41,26 @@ def draw(first_s: Iterable[tuple[float, str, float, float]], cycle_s: float, tit
             axes.annotate("a cycle each way", (1.0, 2.1e3 * cycle_s), color="0.4", fontsize=8)
         panels[0].set_ylabel("first unstable round trip [ms]")
         panels[-1].legend()
+    return png_of(figure)
+
+
+def draw_frontier(points: Iterable[Point], title: str) -> bytes:
+    """Return a PNG: how changed and how late the road is felt, over the round trip of the bus."""
+    by_law = [(law, list(each)) for law, each in groupby(points, lambda point: point.law)]
+    with plot_style():
+        figure = Figure(figsize=(10.0, 4.2))
+        changed, late = figure.subplots(1, 2, sharex=True)
+        for law, each in by_law:
+            trips = [1e3 * point.round_trip_s for point in each]
+            changed.plot(trips, [1e2 * point.changed for point in each], marker=".", label=law)
+            late.plot(trips, [1e3 * point.late_s for point in each], marker=".")
+        for at_ms, words in FELT_LATE_MS.items():
+            late.axhline(at_ms, color="0.6", linewidth=0.8)
+            late.annotate(words, (trips[0], 1.04 * at_ms), color="0.4", fontsize=8)
+        for axes, what in ((changed, "felt torque changed by [%]"), (late, "road felt after [ms]")):
+            axes.axvspan(trips[0], REAL_BUS_MS, color="0.5", alpha=0.12)
+            axes.set(xscale="log", yscale="log", xlabel="round trip of the bus [ms]", ylabel=what)
+        changed.set(title=title, ylim=(2.0, 2000.0))
+        changed.annotate("a cycle of 10 ms each way", (trips[0], 2.2), color="0.4", fontsize=8)
+        changed.legend(fontsize=8)
     return png_of(figure)

@@ -1,0 +1,318 @@
+"""Frontier of feedback laws: what each changes of the road's message, at the round trip it bears.
+
+Every law is taken with the settings that change the message least, out of those that
+
+- keep the wheel still without hands, at the round trip and at JITTER more, with the road's true
+  torque gradient at each of GRADIENT_FACTORS of the nominal one
+- make no more torque noise than all others, from an encoder of ENCODER_STEP_RAD
+
+``changed`` is the error of the torque that the driver feels as he moves the wheel, against the
+road's own without a bus, RMS over BAND_HZ; ``late_s`` is when 63 % of a change of the road's force
+have reached a hand that holds still, for good. Passivity is that of Colgate, as damping that makes
+the wheel passive for the largest gradient, and that of a passivity controller, found by runs.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from itertools import islice, product
+from math import inf, pi, radians, sqrt
+from operator import itemgetter
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.hand_wheel.sampled_laws import (
+    PASS_THROUGH,
+    SampledLaw,
+    sampled_cdob,
+    sampled_dob,
+    zero_order_hold,
+)
+from steer_by_wire.hand_wheel.sampled_loop import (
+    SampledFeedback,
+    sampled_feedback,
+    unstable_round_trips,
+)
+from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
+
+ROUND_TRIPS_S = (0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
+GRADIENT_FACTORS = (0.6, 1.0, 1.4)
+JITTER = 0.3
+ENCODER_STEP_RAD = radians(0.1)
+"""Usual for sensors of a steering angle."""
+BAND_HZ = (0.3, 3.0)
+"""In which drivers steer: chosen."""
+BAND_RAD_S = 2.0 * pi * np.geomspace(*BAND_HZ, 24)
+_RATE_CUTOFFS_RAD_S = np.geomspace(2000.0, 3.0, 60)
+_DAMPINGS_N_M_S = (0.0, *np.geomspace(0.02, 6.0, 30).tolist())
+_CUTOFFS_RAD_S = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
+_WASHOUTS_RAD_S = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+_CDOB_DAMPINGS_N_M_S = (0.0, 0.03, 0.1, 0.2, 0.4)
+_TRIED = 6
+"""So many settings of a law are run, until one holds in all conditions."""
+_LATE_S_MAX = 4.0
+_NOISE_FREQUENCIES = 300
+
+
+class Bench(NamedTuple):
+    """What every law is tried on; ``noise_n_m`` is the torque noise that it may make, RMS."""
+
+    vehicle: VehicleParams
+    gradient_n_m: float
+    rack: Rack
+    wheel: HandWheel
+    cycle_s: float
+    noise_n_m: float
+
+    def road(self, factor: float = 1.0, grip: float = 1.0) -> LinearSystem:
+        """Return the road's torque at a multiple of the gradient, and with less grip."""
+        vehicle = self.vehicle
+        vehicle = vehicle._replace(
+            front_cornering_stiffness_n_rad=grip * vehicle.front_cornering_stiffness_n_rad,
+            rear_cornering_stiffness_n_rad=grip * vehicle.rear_cornering_stiffness_n_rad,
+        )
+        return road_torque(vehicle, factor * grip * self.gradient_n_m, self.rack)
+
+    def spring(self, grip: float = 1.0) -> LinearSystem:
+        """Return the torque of a spring that the road wheels stretch; all of it is nominal."""
+        road = self.road(1.0, grip)
+        of_wheel = np.zeros(len(road.c))
+        of_wheel[0] = self.gradient_n_m * self.rack.steering_ratio
+        return road._replace(c=of_wheel)
+
+    def loop(self, design: "Design", factor: float, grip: float = 1.0) -> SampledFeedback:
+        """Return the loop of a design, without hands."""
+        road = self.spring(grip) if design.is_spring else self.road(factor, grip)
+        return sampled_feedback(self.held, road, self.cycle_s, design.law)
+
+    @property
+    def held(self) -> LinearSystem:
+        """The wheel without hands."""
+        return held_wheel(self.wheel, GRIPS["hands_off"])
+
+
+Ideals = Mapping[float, NDArray[np.complex128]]
+"""The road's torque over BAND_RAD_S for each factor of the gradient; 0 is that of a spring."""
+
+
+class Design(NamedTuple):
+    """A law with settings, in words; ``passive_n_m_s`` is the passivity controller's."""
+
+    settings: str
+    law: SampledLaw
+    is_spring: bool = False
+    passive_n_m_s: float = 0.0
+
+
+class Point(NamedTuple):
+    """A law at one round trip.
+
+    ``changed``  infinite where no settings hold
+    ``local``    share of the felt torque that is made at the wheel, without the road
+    ``fails``    conditions of the runs in which the wheel is not still
+    """
+
+    law: str
+    round_trip_s: float
+    changed: float
+    late_s: float
+    local: float
+    design: "Design | None"
+    fails: tuple[str, ...] = ()
+
+
+NONE_HOLDS = inf, inf, 0.0, None
+"""Of a point: all but its law and round trip."""
+
+
+class Candidate:
+    """A design on the bench; its figures are computed once, as they are needed."""
+
+    def __init__(self, bench: Bench, design: Design, ideals: Ideals) -> None:
+        self._bench, self.design, self._ideals = bench, design, ideals
+
+    @cached_property
+    def _unstable(self) -> list[tuple[float, float]]:
+        bench, longest_s = self._bench, (1.0 + JITTER) * ROUND_TRIPS_S[-1]
+        return [
+            (part.start_s, inf if part.end_s is None else part.end_s)
+            for factor in GRADIENT_FACTORS
+            for part in unstable_round_trips(bench.loop(self.design, factor), longest_s)
+        ]
+
+    @cached_property
+    def _responses(self) -> NDArray[np.complex128]:
+        return responses(self.design.law, BAND_RAD_S, self._bench.cycle_s)
+
+    def holds(self, round_trip_s: float) -> bool:
+        """Whether the wheel is still at every round trip up to JITTER more."""
+        last_s = (1.0 + JITTER) * round_trip_s
+        return all(last_s < low or high <= round_trip_s for low, high in self._unstable)
+
+    def changed(self, round_trip_s: float) -> tuple[float, float]:
+        """Return error and local share of the felt torque, at the worst gradient."""
+        by_angle, by_road, by_driver = self._responses
+        wheel = self._bench.wheel
+        moved = wheel.damping_n_m_s * 1j * BAND_RAD_S - wheel.inertia_kg_m2 * BAND_RAD_S**2
+        local = by_angle + by_driver * moved
+        worst = 0.0, 0.0
+        for factor in GRADIENT_FACTORS:
+            ideal = self._ideals[factor]
+            sent = self._ideals[0.0] if self.design.is_spring else ideal
+            road = by_road * sent * np.exp(-1j * BAND_RAD_S * round_trip_s)
+            felt = (local + road) / (1.0 - by_driver)
+            share = rms(local) / (rms(local) + rms(road))
+            worst = max(worst, (rms(felt - ideal) / rms(ideal), share))
+        return worst
+
+    def late_s(self, round_trip_s: float) -> float:
+        """Return when a held hand has 63 % of a step of the road's force for good."""
+        a, b, c, d = self.design.law
+        if self.design.is_spring:
+            return inf
+        cycle_s = self._bench.cycle_s
+        # A hand that holds still pushes back with what it feels: T_d = T.
+        d_road, c_held = d[1] / (1.0 - d[2]), c / (1.0 - d[2])
+        state, late = np.zeros(len(c)), 0
+        for cycle in range(round(_LATE_S_MAX / cycle_s)):
+            felt = float(c_held @ state + d_road)
+            late = cycle + 1 if felt < 1.0 - np.exp(-1.0) else late
+            state = a @ state + b[:, 1] + b[:, 2] * felt
+        late_s = late * cycle_s
+        return inf if late_s >= _LATE_S_MAX - cycle_s else 0.5 * round_trip_s + late_s
+
+
+def best_points(bench: Bench) -> Iterator[list[Point]]:
+    """Yield the best points of each law and round trip, but of the passivity controller.
+
+    The first of them changes the message least; one that no settings hold is a point too.
+    """
+    roads = {0.0: bench.spring(), **{factor: bench.road(factor) for factor in GRADIENT_FACTORS}}
+    ideals = {factor: road_response(road, bench.cycle_s) for factor, road in roads.items()}
+    for name, designs in _families(bench).items():
+        candidates = [Candidate(bench, design, ideals) for design in designs]
+        for at_s in ROUND_TRIPS_S:
+            yield _best(name, candidates, at_s)
+    for at_s in ROUND_TRIPS_S:
+        candidates = [Candidate(bench, design, ideals) for design in _passive(bench, at_s)]
+        yield _best("passive damping", candidates, at_s)
+
+
+def _best(name: str, candidates: Sequence[Candidate], at_s: float) -> list[Point]:
+    scored = [(*candidate.changed(at_s), candidate) for candidate in candidates]
+    holding = (each for each in sorted(scored, key=itemgetter(0)) if each[2].holds(at_s))
+    return [
+        Point(name, at_s, changed, candidate.late_s(at_s), local, candidate.design)
+        for changed, local, candidate in islice(holding, _TRIED)
+    ] or [Point(name, at_s, *NONE_HOLDS)]
+
+
+def _families(bench: Bench) -> Mapping[str, Iterable[Design]]:
+    a, b, c = zero_order_hold(bench.road(), bench.cycle_s)
+    inputs = np.column_stack((b, np.zeros((len(b), 2))))
+    model = SampledLaw(a, inputs, c, np.zeros(3))
+    return {
+        "pass-through": damped(bench, PASS_THROUGH, "", _DAMPINGS_N_M_S),
+        "spring": (
+            design._replace(is_spring=True)
+            for design in damped(bench, PASS_THROUGH, "", _DAMPINGS_N_M_S)
+        ),
+        "model": [Design("no road", model)],
+        "DOB": _observed(bench),
+        "CDOB": (
+            design
+            for cutoff, washout in product(_CUTOFFS_RAD_S, _WASHOUTS_RAD_S)
+            for design in damped(
+                bench,
+                sampled_cdob(bench.road(), bench.cycle_s, cutoff, washout),
+                f"{cutoff:g} rad/s, washout {washout:g}, ",
+                _CDOB_DAMPINGS_N_M_S,
+            )
+        ),
+    }
+
+
+def damped(
+    bench: Bench, law: SampledLaw, words: str, dampings_n_m_s: Iterable[float]
+) -> Iterator[Design]:
+    """Yield a law with each damping that the noise allows, its rate filtered little."""
+    undamped = responses(law, _noise_omegas(bench), bench.cycle_s)[0]
+    for damping in dampings_n_m_s:
+        if not damping:
+            yield Design(f"{words}no damping", law)
+            continue
+        for cutoff in _RATE_CUTOFFS_RAD_S.tolist():
+            local = PASS_THROUGH.with_damping(damping, cutoff, bench.cycle_s)
+            by_angle = undamped + responses(local, _noise_omegas(bench), bench.cycle_s)[0]
+            if torque_noise_n_m(bench, by_angle) <= bench.noise_n_m:
+                settings = f"{words}{damping:.2g} N m s/rad ({cutoff:.0f} rad/s)"
+                yield Design(settings, law.with_damping(damping, cutoff, bench.cycle_s))
+                break
+
+
+def _observed(bench: Bench) -> Iterator[Design]:
+    inertia, omegas = bench.wheel.inertia_kg_m2, _noise_omegas(bench)
+    for factor, damping in product((0.3, 1.0), _DAMPINGS_N_M_S[1:]):
+        for cutoff in _RATE_CUTOFFS_RAD_S.tolist():
+            law = sampled_dob(factor * inertia, damping, bench.cycle_s, cutoff)
+            by_angle = responses(law, omegas, bench.cycle_s)[0]
+            if torque_noise_n_m(bench, by_angle) <= bench.noise_n_m:
+                settings = f"{cutoff:.0f} rad/s, {factor:g} J, {damping:.2g} N m s/rad"
+                yield Design(settings, law)
+                break
+
+
+def _passive(bench: Bench, at_s: float) -> Iterator[Design]:
+    """Yield the damping that is passive up to JITTER more than a round trip, if noise allows it."""
+    stiffest_n_m = GRADIENT_FACTORS[-1] * bench.gradient_n_m
+    needed = stiffest_n_m * ((1.0 + JITTER) * at_s + 0.5 * bench.cycle_s)
+    return damped(bench, PASS_THROUGH, "", [max(needed - bench.wheel.damping_n_m_s, 0.0)])
+
+
+def passivity_controllers(bench: Bench) -> Iterator[Design]:
+    """Yield passivity controllers, whose largest damping counts for the noise."""
+    for least, most in product((0.02, 0.1, 0.3), (0.3, 1.0, 3.0)):
+        for design in damped(bench, PASS_THROUGH, "", [least + most]):
+            share = least / (least + most)
+            law = design.law
+            law = law._replace(c=law.c * share, d=law.d * np.array([share, 1.0, 1.0]))
+            yield Design(f"{least:g} N m s/rad, at most {most:g} more", law, False, most)
+
+
+def torque_noise_n_m(bench: Bench, by_angle: NDArray[np.complex128]) -> float:
+    """Return the torque that the encoder's steps make behind the motor's lag, RMS [N m]."""
+    lag = 1.0 + 1j * _noise_omegas(bench) * bench.wheel.motor_lag_s
+    return ENCODER_STEP_RAD / sqrt(12.0) * rms(by_angle / lag)
+
+
+def _noise_omegas(bench: Bench) -> NDArray[np.float64]:
+    """Return frequencies up to half of the sampling's [rad/s]."""
+    return (np.arange(_NOISE_FREQUENCIES) + 0.5) * pi / bench.cycle_s / _NOISE_FREQUENCIES
+
+
+def responses(
+    law: SampledLaw, omegas: NDArray[np.float64], cycle_s: float
+) -> NDArray[np.complex128]:
+    """Return the law's torque by angle, road and driver over frequencies [rad/s]; shape (3, n)."""
+    z = np.exp(1j * omegas * cycle_s)
+    size = len(law.c)
+    states = np.linalg.solve(z[:, None, None] * np.eye(size) - law.a, law.b + 0j)
+    return np.asarray((law.c @ states + law.d).T, np.complex128)
+
+
+def road_response(road: LinearSystem, cycle_s: float) -> NDArray[np.complex128]:
+    """Return the road's torque by the wheel's angle over BAND_RAD_S, without a bus."""
+    a, b, c = zero_order_hold(road, cycle_s)
+    column = np.column_stack((b, np.zeros((len(b), 2))))
+    by_angle: NDArray[np.complex128] = responses(
+        SampledLaw(a, column, c, np.zeros(3)), BAND_RAD_S, cycle_s
+    )[0]
+    return by_angle
+
+
+def rms(values: NDArray[np.complex128]) -> float:
+    """Return the root of the mean square."""
+    return sqrt(float(np.mean(np.abs(values) ** 2)))
