@@ -15,7 +15,7 @@ from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ...runtime.settings import SharedTable, load_settings, read_preset
-from .fit import Fit
+from .fit import Fit, Progress, Stopped, quiet
 from .parameters import car_tables
 
 DRAWS = 40
@@ -38,8 +38,13 @@ class DelayMargin(NamedTuple):
     share: float
 
 
-def delay_margin(found: Fit, speed_m_s: float, controller: str | None = None) -> DelayMargin:
-    """Return the margin of a controller's preset; by default a PD of the log's speed."""
+def delay_margin(
+    found: Fit, speed_m_s: float, controller: str | None = None, progress: Progress = quiet
+) -> DelayMargin | None:
+    """Return the margin of a controller's preset, or nothing once stopped.
+
+    By default it is a PD of the log's speed.
+    """
     name = controller or ("highway_pd" if speed_m_s > FAST_M_S else "practical_pd")
     middle = _nominal(found, found.x, speed_m_s)
     model = {"kind": "vehicle", **middle._asdict()}
@@ -50,7 +55,13 @@ def delay_margin(found: Fit, speed_m_s: float, controller: str | None = None) ->
     )
     margin_s = _margin_s(settings, middle)
     drawn = _draws(found)
-    margins_s = np.array([_margin_s(settings, _nominal(found, x, speed_m_s)) for x in drawn])
+    margins_s = np.empty(DRAWS)
+    for number, x in enumerate(drawn):
+        try:
+            progress("delays", number + 1, DRAWS)
+        except Stopped:
+            return None
+        margins_s[number] = _margin_s(settings, _nominal(found, x, speed_m_s))
     spread = drawn.std(axis=0)
     off = (drawn - drawn.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
     swing = margins_s - margins_s.mean()

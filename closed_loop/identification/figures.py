@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...runtime.array_types import FloatArray
-from .fit import Fit
+from .fit import Fit, Progress, Stopped
 from .parameters import Problem
 from .profiles import profile
 from .response import Grid, Samples
@@ -138,11 +138,10 @@ def _quantities(problem: Problem) -> list[_Quantity]:
 
 
 def figures_of(
-    found: Fit, grid: Grid, samples: Sequence[Samples], *, with_profiles: bool = True
+    found: Fit, judged: tuple[Grid, Sequence[Samples]], progress: Progress | None
 ) -> list[Figure]:
-    """Return all figures of a fit."""
-    figures = []
-    bounds = _Bounds(found, grid, samples, with_profiles)
+    """Return all figures of a fit; by the covariance alone without progress, or once stopped."""
+    figures, bounds = [], _Bounds(found, judged, progress)
     for quantity in _quantities(found.problem):
         value = quantity.function(found.values)
         slope = _slope(found, quantity)
@@ -151,7 +150,10 @@ def figures_of(
         if quantity.unit in _POSITIVE:
             grown = np.exp(min(half / value, 9.0))
             low, high = value / grown, value * grown
-        low, high = bounds.of(quantity, low, high)
+        try:
+            low, high = bounds.of(quantity, low, high)
+        except Stopped:
+            bounds = bounds._replace(progress=None)
         low = max(low, 0.0) if quantity.unit in _POSITIVE else low
         enough = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
         enough = _ENOUGH.get(quantity.name, enough)
@@ -178,9 +180,8 @@ def figure_values(problem: Problem, values: Mapping[str, float]) -> dict[str, fl
 
 class _Bounds(NamedTuple):
     found: Fit
-    grid: Grid
-    samples: Sequence[Samples]
-    with_profiles: bool
+    judged: tuple[Grid, Sequence[Samples]]
+    progress: Progress | None
 
     def of(self, quantity: _Quantity, low: float, high: float) -> tuple[float, float]:
         """Return the ends by the profile, where the covariance alone would not do."""
@@ -188,7 +189,7 @@ class _Bounds(NamedTuple):
         if quantity.name == "dead_time_s":
             return self._of_dead_time()
         parameter = sought.get(quantity.source)
-        if parameter is None or not self.with_profiles:
+        if parameter is None or self.progress is None:
             return low, high
         at = self.found.problem.place(quantity.source)
         half = self.found.critical * sqrt(float(self.found.covariance[at, at]))
@@ -197,7 +198,7 @@ class _Bounds(NamedTuple):
         is_wide = half > (_SHARE if parameter.is_log else 0.01)
         if not (is_near or is_wide):
             return low, high
-        bounds = profile(self.found, self.grid, self.samples, quantity.source)
+        bounds = profile(self.found, self.judged, quantity.source, self.progress)
         if quantity.name != parameter.name and quantity.source != "lag_squared_s2":
             # Of a product the profile of one factor tells no more than whether there is an end.
             return (

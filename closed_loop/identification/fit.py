@@ -15,7 +15,7 @@ covariance.
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -25,8 +25,8 @@ from ...runtime.array_types import FloatArray
 from .parameters import Problem
 from .response import Grid, Response, Samples, residuals_percent, respond, seen
 
-Progress = Callable[[int, float], None]
-"""Takes the number of an evaluation of the sensitivities, and the cost per sample."""
+Progress = Callable[[str, int, int], None]
+"""Takes what is done, how often it was, and how often it will be at most; raises Stopped."""
 EVALUATIONS_MAX = 25
 _ROUNDS = 4
 """With new deviations of the errors; the first ones end early."""
@@ -68,31 +68,41 @@ class Fit(NamedTuple):
         return self.problem.values(self.x)
 
 
-class Judge:
-    """Errors of a problem and their sensitivities, on both processors."""
+class Refit(NamedTuple):
+    """The end of a search: coordinates of what was sought, cost, and errors of each sensor."""
+
+    x: FloatArray
+    cost: float
+    errors: tuple[FloatArray, ...]
+
+
+class Stopped(Exception):  # noqa: N818 - not an error
+    """The user wants what is known so far."""
+
+
+def quiet(_what: str, _done: int, _of: int) -> None:
+    """Go on."""
+
+
+class _Judge:
+    """Errors of a problem over their deviations, and their sensitivities, on all processors."""
 
     def __init__(
-        self, problem: Problem, grid: Grid, samples: Sequence[Samples], progress: Progress
+        self, problem: Problem, grid: Grid, samples: Sequence[Samples], deviations: FloatArray
     ) -> None:
-        self.problem, self.grid, self.samples, self._progress = problem, grid, samples, progress
-        self.deviations = np.array([0.2 * max(float(np.std(s.values)), 1e-6) for s in samples])
+        self.problem, self.grid, self.samples = problem, grid, samples
+        self.deviations = deviations
         self.best: tuple[float, FloatArray] = (np.inf, problem.start)
-        self.evaluations = 0
-        self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 8))
         self.prior = np.array([1.0 / one.deviation for one in problem.parameters])
+        self._kept: tuple[FloatArray, Response] | None = None
 
-    def response(self, x: FloatArray) -> Response:
-        """Return the car's response."""
-        return respond(self.grid, self.problem.values(x), self.problem)
-
-    def errors(self, x: FloatArray, response: Response) -> list[FloatArray]:
+    def errors(self, x: FloatArray) -> tuple[FloatArray, ...]:
         """Return measured less seen, of each sensor."""
-        values = self.problem.values(x)
-        return [one.values - seen(one, response, values) for one in self.samples]
+        return self._errors(x, self._response(x))
 
     def residuals(self, x: FloatArray) -> FloatArray:
         """Return all errors over their deviations, and those of the priors."""
-        found = self._weighted(x, self.response(x))
+        found = self._weighted(x, self._response(x))
         cost = float(found @ found)
         if cost < self.best[0]:
             self.best = cost, x.copy()
@@ -100,36 +110,80 @@ class Judge:
 
     def sensitivities(self, x: FloatArray) -> FloatArray:
         """Return the derivatives of the residuals by differences, shape (residuals, p)."""
-        self.evaluations += 1
-        self._progress(self.evaluations, self.best[0] / max(1, len(self.samples[0].values)))
-        base = self.response(x)
+        base = self._response(x)
         here = self._weighted(x, base)
-        columns = self._pool.map(lambda at: self._column(x, base, here, at), range(len(x)))
-        return np.column_stack(list(columns))
-
-    def norm(self, x: FloatArray) -> FloatArray:
-        """Return the residuals turned so that only the first of p + 1 is not 0."""
-        turned = np.zeros(len(x) + 1)
-        turned[0] = np.linalg.norm(self.residuals(x))
-        return turned
+        with ThreadPoolExecutor(min(os.cpu_count() or 1, 8)) as pool:
+            columns = pool.map(lambda at: self._column(x, base, here, at), range(len(x)))
+            return np.column_stack(list(columns))
 
     def condensed(self, x: FloatArray) -> FloatArray:
-        """Return the sensitivities turned likewise, shape (p + 1, p).
+        """Return the sensitivities turned as ``search`` turns the residuals, shape (p + 1, p).
 
         A search knows the residuals r and J only by |r|, Jᵀr and JᵀJ; these are the same, and a
         decomposition of 10⁴ rows is saved in each of its steps.
         """
-        residuals, jacobian = self._weighted(x, self.response(x)), self.sensitivities(x)
+        residuals, jacobian = self.residuals(x), self.sensitivities(x)
         first = jacobian.T @ residuals / np.linalg.norm(residuals)
         scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-150)
         rest = (jacobian.T @ jacobian - np.outer(first, first)) / np.outer(scale, scale)
         squares, axes = np.linalg.eigh(rest)
         return np.vstack((first, np.sqrt(np.maximum(squares, 0.0))[:, None] * axes.T * scale))
 
+    def search(self, x: FloatArray, tolerance: float, progress: Progress) -> Refit:
+        """Return the least cost from x on; raises Stopped."""
+        parameters, evaluations = self.problem.parameters, 0
+        low = np.array([one.low for one in parameters])
+        high = np.array([one.high for one in parameters])
+        margin = 1e-9 * (high - low)
+
+        def turned(x: FloatArray) -> FloatArray:
+            return np.append(np.linalg.norm(self.residuals(x)), np.zeros(len(x)))
+
+        def slopes(x: FloatArray) -> FloatArray:
+            nonlocal evaluations
+            evaluations += 1
+            progress("fit", evaluations, EVALUATIONS_MAX)
+            return self.condensed(x)
+
+        found = least_squares(
+            turned, np.clip(x, low + margin, high - margin), jac=slopes, bounds=(low, high),
+            x_scale=[one.scale for one in parameters], max_nfev=EVALUATIONS_MAX, ftol=tolerance,
+            xtol=1e-6,
+        )  # fmt: skip
+        return Refit(found.x, 2.0 * float(found.cost), self.errors(found.x))
+
+    def unresolved(self, x: FloatArray, by_residuals: FloatArray) -> FloatArray:
+        """Return the covariance that the resolution of the wheel's angle gives to parameters.
+
+        ``by_residuals``  their derivatives by the sensors' residuals, shape (p, residuals)
+        """
+        values, here = self.problem.values(x), self._response(x)
+        moved = np.zeros((len(self.grid.unresolved), len(by_residuals)))
+        for shift, error in zip(moved, self.grid.unresolved, strict=True):
+            grid = self.grid._replace(steering_rad=self.grid.steering_rad + error)
+            there = respond(grid, values, self.problem)
+            off = [
+                (seen(one, there, values) - seen(one, here, values)) / s
+                for one, s in zip(self.samples, self.deviations, strict=True)
+            ]
+            shift[:] = by_residuals @ np.concatenate(off)
+        covariance: FloatArray = moved.T @ moved / len(moved)
+        return covariance
+
+    def _response(self, x: FloatArray) -> Response:
+        if self._kept is None or not np.array_equal(self._kept[0], x):
+            self._kept = x.copy(), respond(self.grid, self.problem.values(x), self.problem)
+        return self._kept[1]
+
+    def _errors(self, x: FloatArray, response: Response) -> tuple[FloatArray, ...]:
+        values = self.problem.values(x)
+        return tuple(one.values - seen(one, response, values) for one in self.samples)
+
     def _weighted(self, x: FloatArray, response: Response) -> FloatArray:
         sought = len(self.prior)
-        parts = [e / s for e, s in zip(self.errors(x, response), self.deviations, strict=True)]
-        return np.concatenate([*parts, (x[:sought] - self.problem.start) * self.prior])
+        off = zip(self._errors(x, response), self.deviations, strict=True)
+        priors = (x[:sought] - self.problem.start) * self.prior
+        return np.concatenate([*(e / s for e, s in off), priors])
 
     def _column(self, x: FloatArray, base: Response, here: FloatArray, at: int) -> FloatArray:
         parameter = self.problem.coordinates[at]
@@ -138,68 +192,51 @@ class Judge:
         moved = x.copy()
         moved[at] += step
         of_sensor = ":" in parameter.name or parameter.name == "yaw_rate_offset_rad_s"
-        there = self._weighted(moved, base if of_sensor else self.response(moved))
-        slope: FloatArray = (there - here) / step
+        response = (
+            base
+            if of_sensor
+            else respond(self.grid, self.problem.values(moved), self.problem)
+        )  # fmt: skip
+        slope: FloatArray = (self._weighted(moved, response) - here) / step
         return slope
-
-    def close(self) -> None:
-        """End the threads."""
-        self._pool.shutdown()
-
-
-def _search(judge: Judge, x: FloatArray, tolerance: float) -> FloatArray:
-    parameters = judge.problem.parameters
-    low = np.array([one.low for one in parameters])
-    high = np.array([one.high for one in parameters])
-    margin = 1e-9 * (high - low)
-    found = least_squares(
-        judge.norm,
-        np.clip(x, low + margin, high - margin),
-        jac=judge.condensed,
-        bounds=(low, high),
-        x_scale=[one.scale for one in parameters],
-        max_nfev=EVALUATIONS_MAX,
-        ftol=tolerance,
-        xtol=1e-6,
-    )
-    result: FloatArray = found.x
-    return result
 
 
 def fit(
     problem: Problem,
     grid: Grid,
     samples: Sequence[Samples],
-    progress: Progress = lambda _evaluation, _cost: None,
+    progress: Progress = quiet,
     start: FloatArray | None = None,
-    deviations: FloatArray | None = None,
-    tolerance: float = 1e-5,
 ) -> Fit:
-    """Return the most likely parameters; Ctrl-C ends the search with the best so far.
-
-    ``deviations``  of the errors, if they are not sought too
-    ``tolerance``   relative change of the cost that ends the search
-    """
-    judge = Judge(problem, grid, samples, progress)
-    x = problem.start if start is None else start
-    is_whole = True
+    """Return the most likely parameters; the best so far where ``progress`` says to stop."""
+    spreads = np.array([0.2 * max(float(np.std(one.values)), 1e-6) for one in samples])
+    judge, x, is_whole = _Judge(problem, grid, samples, spreads), problem.start, True
+    x = x if start is None else start
     try:
-        if deviations is not None:
-            judge.deviations = deviations
-            x = _search(judge, x, tolerance)
-        for number in range(_ROUNDS if deviations is None else 0):
-            x = _search(judge, x, max(tolerance, 1e-3 * 0.1**number))
-            spreads = _deviations(judge.errors(x, judge.response(x)))
+        for number in range(_ROUNDS):
+            x, _, errors = judge.search(x, max(1e-5, 1e-3 * 0.1**number), progress)
+            spreads = _deviations(errors)
             change = float(np.abs(spreads / judge.deviations - 1.0).max())
             judge.deviations, judge.best = spreads, (np.inf, x)
             if change < _SPREAD_CHANGE and number > 1:
                 break
-    except KeyboardInterrupt:
+    except Stopped:
         x, is_whole = judge.best[1], False
-    try:
-        return _described(judge, x, is_whole)
-    finally:
-        judge.close()
+    return _described(judge, x, is_whole)
+
+
+def refit(
+    judged: tuple[Grid, Sequence[Samples]],
+    held: dict[str, float],
+    found: Fit,
+    progress: Progress = quiet,
+    tolerance: float = 1e-5,
+) -> Refit:
+    """Return the least cost with some parameters held, with the same deviations of the errors."""
+    grid, samples = judged
+    keep = [at for at, one in enumerate(found.problem.parameters) if one.name not in held]
+    judge = _Judge(found.problem.holding(held), grid, samples, found.deviations)
+    return judge.search(found.x[keep], tolerance, progress)
 
 
 def _deviations(errors: Sequence[FloatArray]) -> FloatArray:
@@ -212,10 +249,9 @@ def rms(errors: FloatArray) -> float:
     return float(np.sqrt(np.mean(errors**2)))
 
 
-def _described(judge: Judge, x: FloatArray, is_whole: bool) -> Fit:
+def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     problem, sought = judge.problem, len(x)
-    errors = judge.errors(x, judge.response(x))
-    residuals = judge.residuals(x)
+    errors, residuals = judge.errors(x), judge.residuals(x)
     rows = sum(map(len, errors))
     x = np.append(x, [one.start for one in problem.assumed])
     jacobian = judge.sensitivities(x)[:rows]
@@ -234,6 +270,7 @@ def _described(judge: Judge, x: FloatArray, is_whole: bool) -> Fit:
     wanted = np.maximum(np.diagonal(inverse), np.diagonal(longer))
     floor = np.sqrt(np.maximum(1.0, wanted / np.maximum(np.diagonal(robust), 1e-300)))
     robust *= np.outer(floor, floor)
+    robust += judge.unresolved(x, inverse @ free.T)
     # What is assumed moves what is sought.
     shift = np.vstack((-inverse @ free.T @ assumed, np.eye(len(problem.assumed))))
     spread = np.diag([one.deviation**2 for one in problem.assumed])
@@ -246,7 +283,7 @@ def _described(judge: Judge, x: FloatArray, is_whole: bool) -> Fit:
     cost = float(residuals @ residuals)
     deviations = judge.deviations
     return Fit(
-        problem, x, covariance, plain, inverse, critical, tuple(errors), deviations, cost, is_whole
+        problem, x, covariance, plain, inverse, critical, errors, deviations, cost, is_whole
     )  # fmt: skip
 
 
@@ -300,14 +337,3 @@ def long_run_sums(scores: FloatArray, lags: int) -> FloatArray:
 def yaw_rate_residual_percent(found: Fit, samples: Sequence[Samples]) -> float:
     """Return 100 rms(measured − seen)/std(measured) of the first yaw rate."""
     return residuals_percent(samples[0], found.errors[0])
-
-
-def refit(judged: Any, held: dict[str, float], found: Fit, tolerance: float = 1e-5) -> Fit:
-    """Return the fit with some parameters held, with the same deviations of the errors."""
-    grid, samples = judged
-    problem = found.problem.holding(held)
-    keep = [at for at, one in enumerate(found.problem.parameters) if one.name not in held]
-    return fit(
-        problem, grid, samples, start=found.x[keep], deviations=found.deviations,
-        tolerance=tolerance,
-    )  # fmt: skip

@@ -12,7 +12,18 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 from .figures import Figure, figures_of
-from .fit import Fit, Progress, fit, is_white, refit, rms, samples_alike, yaw_rate_residual_percent
+from .fit import (
+    Fit,
+    Progress,
+    Stopped,
+    fit,
+    is_white,
+    quiet,
+    refit,
+    rms,
+    samples_alike,
+    yaw_rate_residual_percent,
+)
 from .parameters import FRICTION_MAX, Known, problem_of
 from .response import Grid, Samples, grid_of, residuals_percent, samples_of
 from .time_series import Drive, Quantity
@@ -55,28 +66,27 @@ class Identification(NamedTuple):
         return float(np.mean(self.grid.speed_m_s))
 
 
-def _silent(_evaluation: int, _cost: float) -> None:
-    """Report nothing."""
-
-
 def identify(
-    drive: Drive, known: Known, progress: Progress = _silent, *, with_profiles: bool = True
+    drive: Drive, known: Known, progress: Progress = quiet, *, is_brief: bool = False
 ) -> Identification:
-    """Return what a drive tells; raises SettingsError where no car of this model explains it."""
+    """Return what a drive tells; raises SettingsError where no car of this model explains it.
+
+    ``is_brief``  without doubts
+    """
     notes = list(drive.notes)
     grid = grid_of(drive)
     _refuse_wrong_sign(drive)
     samples, problem = samples_of(drive, grid), problem_of(drive, known)
-    found, found_all = fit(problem, grid, samples, progress), None
+    found, found_all = fit(problem.seeking(), grid, samples, progress), None
     rates = _of_rates(drive)
     if _is_coloured(found) and problem.assumed:
-        # Where the log knows better than the assumption, the errors become white.
-        sought = fit(problem.seeking(), grid, samples, progress, found.x)
-        found = found if _is_coloured(sought) else sought
+        # A model's error would move what is assumed.
+        held = fit(problem, grid, samples, progress)
+        found = held if held.is_whole else found
     if _is_coloured(found) and len(rates.outputs) < len(drive.outputs):
         its_samples = samples_of(rates, grid)
         alone = fit(problem_of(rates, known), grid, its_samples, progress)
-        if _contradicts(found, alone):
+        if alone.is_whole and _contradicts(found, alone):
             _refuse_late_side(found)
             delays_ms = [1e3 * one.values["delay_and_lag_s"] for one in (found, alone)]
             notes.append(
@@ -88,17 +98,16 @@ def identify(
             )
             found_all, drive, found, samples = found, rates, alone, its_samples
     residual = yaw_rate_residual_percent(found, samples)
-    _refuse_misfit(found, samples, grid, residual)
-    figures = figures_of(found, grid, samples, with_profiles=with_profiles)
+    if found.is_whole:
+        _refuse_misfit(found, samples, grid, residual)
+    figures = figures_of(found, (grid, samples), progress)
     if found_all is not None:
         figures += [
             one._replace(note="with the place of its sensor")
-            for one in figures_of(found_all, grid, samples, with_profiles=False)
+            for one in figures_of(found_all, (grid, samples), None)
             if one.name.startswith(Quantity.LATERAL_ACCELERATION) and one.name.endswith("delay_s")
         ]
-    doubts = _doubts(found, grid, samples, residual)
-    if not found.is_whole:
-        notes.append("interrupted: the best so far, with intervals as if it were the minimum")
+    doubts = [] if is_brief else _doubts(found, grid, samples, residual, progress)
     return Identification(drive, grid, samples, found, figures, residual, doubts, notes)
 
 
@@ -113,7 +122,7 @@ def _contradicts(found: Fit, alone: Fit) -> bool:
 
 
 def _is_coloured(found: Fit) -> bool:
-    return not all(map(is_white, found.errors))
+    return found.is_whole and not all(map(is_white, found.errors))
 
 
 def _of_rates(drive: Drive) -> Drive:
@@ -121,7 +130,9 @@ def _of_rates(drive: Drive) -> Drive:
     return drive._replace(outputs=rates)
 
 
-def _doubts(found: Fit, grid: Grid, samples: Sequence[Samples], residual: float) -> list[Doubt]:
+def _doubts(
+    found: Fit, grid: Grid, samples: Sequence[Samples], residual: float, progress: Progress
+) -> list[Doubt]:
     """Return the tests: simpler models, whiteness, and correlation with the input."""
     doubts = []
     names = {one.name for one in found.problem.parameters}
@@ -135,9 +146,12 @@ def _doubts(found: Fit, grid: Grid, samples: Sequence[Samples], residual: float)
         if name not in names:
             continue
         held = {name: value} | ({"lag_squared_s2": 0.0} if name == "delay_and_lag_s" else {})
-        simpler = refit((grid, samples), held, found, 1e-3)
+        try:
+            simpler = refit((grid, samples), held, found, progress, 1e-3)
+        except Stopped:
+            break
         is_worse = simpler.cost - found.cost > found.critical**2 * plain
-        percent = yaw_rate_residual_percent(simpler, samples)
+        percent = residuals_percent(samples[0], simpler.errors[0])
         result = f"residual {percent:.2f} % instead of {residual:.2f} %"
         doubts.append(Doubt(f"{what}{': refused' if is_worse else ': not refused'}", result, True))
     alike = max(map(samples_alike, found.errors))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .fit import Fit, refit
+from .fit import Fit, Progress, quiet, refit
 from .response import Grid, Samples
 
 _DOUBLINGS = 3
@@ -26,13 +26,18 @@ class Profile(NamedTuple):
     high: float
 
 
-def profile(found: Fit, grid: Grid, samples: Sequence[Samples], name: str) -> Profile:
+def profile(
+    found: Fit, judged: tuple[Grid, Sequence[Samples]], name: str, progress: Progress = quiet
+) -> Profile:
     """Return the interval of a parameter that is sought, from the profile of the cost."""
+
+    def advance(_what: str, done: int, of: int) -> None:
+        progress(f"profile of {name}", done, of)
+
     at = found.problem.place(name)
     parameter = found.problem.parameters[at]
     spread = float(np.sqrt(found.covariance[at, at]))
     allowed = found.critical**2 * float(found.covariance[at, at] / found.bare[at, at])
-    least = min(refit((grid, samples), {}, found).cost, found.cost)
 
     def end(sign: float) -> float:
         limit = parameter.high if sign > 0.0 else parameter.low
@@ -42,7 +47,7 @@ def profile(found: Fit, grid: Grid, samples: Sequence[Samples], name: str) -> Pr
             is_limit = (x - limit) * sign >= 0.0
             x = limit if is_limit else x
             held = {name: parameter.value(x)}
-            rise = refit((grid, samples), held, found).cost - least
+            rise = refit(judged, held, found, advance).cost - found.cost
             if is_limit and rise < allowed:
                 return sign * inf
             if abs(rise / allowed - 1.0) < _NEAR:

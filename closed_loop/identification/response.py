@@ -10,7 +10,8 @@ from math import exp, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import uniform_filter1d
 
 from ...plant_emulator.vehicle.car.car_design import car_params
 from ...plant_emulator.vehicle.car.car_step import CarInput, CarState, car_step
@@ -25,12 +26,18 @@ SETTLING_S = 1.0
 """At the start of a segment, not judged: the car's state there is not known."""
 _SMOOTHING_S = 0.5
 """Of the speed, for the acceleration."""
+DRAWS = 12
+_STEADY = 5
+"""Samples of the wheel whose mean shows what lies between two steps of its resolution."""
+_STEPS_OFF = 2.0
+"""A wheel's angle is taken as right within a step to either side, and not half of one; chosen."""
 
 
 class Grid(NamedTuple):
     """A drive on steps of STEP_S, its segments one after the other.
 
-    ``starts``  of each segment, and the end of the last, shape (segments + 1,)
+    ``starts``      of each segment, and the end of the last, shape (segments + 1,)
+    ``unresolved``  what its resolution may hide of the steering, shape (draws, steps)
     The others have shape (steps,).
     """
 
@@ -39,6 +46,7 @@ class Grid(NamedTuple):
     steering_rad: FloatArray
     speed_m_s: FloatArray
     acceleration_m_s2: FloatArray
+    unresolved: FloatArray
 
 
 class Samples(NamedTuple):
@@ -55,7 +63,12 @@ class Samples(NamedTuple):
 def grid_of(drive: Drive) -> Grid:
     """Return the inputs of a drive on the grid."""
     rate = drive.outputs[0]
-    parts, starts, rates = [], [0], []
+    parts, starts, rates, hidden = [], [0], [], []
+    drawn, angle = np.random.default_rng(1).uniform(-0.5, 0.5, (2, DRAWS, 1)), drive.steering
+    # A wheel at rest keeps its error, another one at each angle; of one that moves it is noise.
+    fine = uniform_filter1d(angle.values, _STEADY) / max(angle.quantum, 1e-12)
+    fine = fine * (1.0 + 0.05 * drawn[0]) + drawn[1]
+    errors = _STEPS_OFF * (np.round(fine) - fine) * angle.quantum
     half = round(0.5 * _SMOOTHING_S / STEP_S)
     for start, end in drive.segments:
         time_s = np.arange(start, end, STEP_S)
@@ -63,14 +76,18 @@ def grid_of(drive: Drive) -> Grid:
         sums = np.cumsum(np.pad(speed, (half + 1, half), mode="edge"))
         smooth = (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
         # Straight lines between samples would be taken for a lag: (ωT)²/12 of the amplitude.
-        near = (drive.steering.time_s > start - 1.0) & (drive.steering.time_s < end + 1.0)
-        curve = CubicSpline(drive.steering.time_s[near], drive.steering.values[near])
-        steering = curve(np.minimum(time_s, drive.steering.time_s[near][-1]))
+        near = (angle.time_s > start - 1.0) & (angle.time_s < end + 1.0)
+        inside = np.minimum(time_s, angle.time_s[near][-1])
+        at_s = angle.time_s[near]
+        degree = 3 if np.diff(at_s).min() > 0.3 * angle.period_s else 1
+        steering = make_interp_spline(at_s, angle.values[near], degree)(inside)
+        hidden.append(make_interp_spline(at_s, errors[:, near], degree, axis=1)(inside))
         parts.append((steering, speed, np.gradient(smooth, STEP_S)))
         starts.append(starts[-1] + len(time_s))
         rates.append(float(np.interp(start, rate.time_s, rate.values)))
     steering, speed, acceleration = (np.concatenate(one) for one in zip(*parts, strict=True))
-    return Grid(np.array(starts), np.array(rates), steering, speed, acceleration)
+    unresolved = np.concatenate(hidden, axis=1)
+    return Grid(np.array(starts), np.array(rates), steering, speed, acceleration, unresolved)
 
 
 def samples_of(drive: Drive, grid: Grid) -> list[Samples]:
@@ -110,7 +127,7 @@ def respond(grid: Grid, values: Mapping[str, float], problem: Problem) -> Respon
         known.lateral_acceleration_ahead_m,
     )
     params = car_params(*car_tables(values, known))
-    _respond(params, steering, STEP_S, *grid, yaw_rates, accelerations)
+    _respond(params, steering, STEP_S, *grid[:-1], yaw_rates, accelerations)
     return Response(yaw_rates, accelerations)
 
 

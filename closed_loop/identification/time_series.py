@@ -24,6 +24,9 @@ GAP_PERIODS = 5.0
 SEGMENT_S_MIN = 2.0
 SPEED_M_S_MIN = 1.0
 """Slower driving is left out: it tells nothing of tyres."""
+_EVEN_SAMPLES, _SAMPLES_MIN = 1000, 20
+"""That are taken as even: a clock may drift from one such stretch to the next."""
+_JITTER_S = 2e-4
 SAMPLES_MAX = 2_000_000
 DURATION_S_MAX = 7200.0
 
@@ -115,6 +118,49 @@ def without_spikes(channel: Channel) -> tuple[Channel, int]:
     return channel._replace(time_s=time_s[kept], values=values[kept]), int((~kept).sum())
 
 
+def evened(channel: Channel) -> tuple[Channel, float]:
+    """Return a channel as sensed in even steps, and by how much its times deviate from them [s].
+
+    A log has the times at which samples came. Where even ones make the values smoother, these are
+    taken, and otherwise the log's own, with a deviation of 0.
+    """
+    time_s, values, period_s = channel.time_s, channel.values, channel.period_s
+    ends = np.flatnonzero(np.diff(time_s) > max(GAP_S_MIN, GAP_PERIODS * period_s)) + 1
+    ends = np.union1d(ends, np.arange(_EVEN_SAMPLES, len(time_s), _EVEN_SAMPLES))
+    even_s = np.concatenate([_even_s(part, period_s) for part in np.split(time_s, ends)])
+    # Two stretches may disagree by a sample where they meet.
+    kept = np.diff(np.maximum.accumulate(even_s), prepend=-np.inf) > 0.5 * period_s
+    even_s, came_s, values = even_s[kept], time_s[kept], values[kept]
+    if _roughness(even_s, values) >= _roughness(came_s, values):
+        return channel, 0.0
+    return channel._replace(time_s=even_s, values=values), float(np.std(came_s - even_s))
+
+
+def _even_s(time_s: FloatArray, period_s: float) -> FloatArray:
+    """Return even times near to those without a gap: of a sensor's period in full milliseconds."""
+    count = np.arange(len(time_s))
+    period_s = max(round(period_s, 3), 1e-3)
+    since_s = time_s - time_s[0]
+    if len(count) < _SAMPLES_MIN:
+        return time_s
+    if since_s[-1] > (count[-1] + 0.5) * period_s:
+        # Some are lost. No sample comes early: one that is late has the number before the next's.
+        turns = since_s / period_s
+        usual = np.angle(np.mean(np.exp(2j * np.pi * turns))) / (2.0 * np.pi)
+        late = np.floor(turns - usual + 0.4) - count
+        count = count + np.minimum.accumulate(late[::-1])[::-1]
+    slope_s, start_s = np.polyfit(count, time_s, 1)
+    even_s: FloatArray = start_s + slope_s * count
+    return even_s
+
+
+def _roughness(time_s: FloatArray, values: FloatArray) -> float:
+    """Return the mean square of values over straight lines between their neighbours."""
+    share = (time_s[1:-1] - time_s[:-2]) / np.maximum(time_s[2:] - time_s[:-2], 1e-9)
+    off = values[1:-1] - values[:-2] - share * (values[2:] - values[:-2])
+    return float(np.mean(off**2)) if len(off) else 0.0
+
+
 def make_drive(channels: Iterable[Channel], source: str) -> Drive:
     """Return the drive; raises SettingsError for channels from which nothing can be told."""
     notes, clean = [], []
@@ -125,7 +171,10 @@ def make_drive(channels: Iterable[Channel], source: str) -> Drive:
         if spikes:
             notes.append(f"{channel.name}: {spikes} spikes left out")
         if len(kept.time_s) > 1:
+            kept, jitter_s = evened(kept)
             clean.append(kept)
+            if jitter_s > _JITTER_S:
+                notes.append(f"{kept.name}: jitter of {1e3 * jitter_s:.1f} ms taken out")
     by_quantity: Mapping[Quantity, Sequence[Channel]] = {
         quantity: [one for one in clean if one.quantity is quantity] for quantity in Quantity
     }

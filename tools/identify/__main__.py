@@ -10,6 +10,7 @@ echoes, too.
 """
 
 import argparse
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from steer_by_wire.closed_loop.identification.columns import (
 )
 from steer_by_wire.closed_loop.identification.delay_margin import DelayMargin, delay_margin
 from steer_by_wire.closed_loop.identification.figures import Figure, Verdict
-from steer_by_wire.closed_loop.identification.fit import EVALUATIONS_MAX, Progress
+from steer_by_wire.closed_loop.identification.fit import Stopped
 from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
 from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
 from steer_by_wire.closed_loop.identification.parameters import Known
@@ -51,6 +52,7 @@ from steer_by_wire.runtime.command_line import (
     command_parser,
     number,
     run_main,
+    say,
     seconds,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
@@ -103,9 +105,13 @@ def _run(options: argparse.Namespace) -> int:
         for log in options.logs[1:]:
             print(proposed_mapping(log), end="")
         return ExitStatus.OK
-    channels, bus = _read(options)
-    steering = None if bus is None else _steering(bus)
-    drive = _drive(options, channels)
+    try:
+        channels, bus = _read(options)
+        drive = _drive(options, channels)
+        steering = None if bus is None else _steering(bus)
+    except KeyboardInterrupt:
+        say(NAME, "interrupted while the logs were read: no file is written", sys.stderr)
+        return ExitStatus.INTERRUPTED
     if options.predict is not None:
         prediction = predict(drive, read_vehicle(options.predict))
         for note in prediction.notes:
@@ -114,19 +120,24 @@ def _run(options: argparse.Namespace) -> int:
         return ExitStatus.OK
     known = Known() if options.known is None else load_settings(Known, file=options.known)
     known.check(str(options.known))
-    found = identify(drive, known, _progress())
+    progress = _Progress()
+    found = identify(drive, known, progress.advance)
     figures = [*found.figures, *(() if steering is None else steering.figures)]
     notes = [*found.notes, *(() if steering is None else steering.notes)]
-    margin = delay_margin(found.found, found.speed_m_s, options.controller)
+    margin = delay_margin(found.found, found.speed_m_s, options.controller, progress.advance)
+    if progress.stopped_in:
+        notes.append(
+            f"interrupted in {progress.stopped_in}: the best so far; intervals may be wrong"
+        )
     advice = _advice(margin, found, figures)
-    _write(options, found, figures, advice, bus, steering)
+    files = _write(options, found, figures, advice, bus, steering)
     lines = [f"note: {note}" for note in notes]
     lines += [figure_line(figure) for figure in figures]
     lines += [f"{doubt.what}: {doubt.result}" for doubt in found.doubts]
     lines += [f"residual of yaw rate: {found.residual_percent:.2f} %", *advice]
-    for line in [*lines, f"files: {options.out}"]:
+    for line in [*lines, f"files in {options.out}: {', '.join(files)}"]:
         show(line)
-    return ExitStatus.OK
+    return ExitStatus.INTERRUPTED if progress.stopped_in else ExitStatus.OK
 
 
 def _read(options: argparse.Namespace) -> tuple[list[Channel], BusLog | None]:
@@ -155,9 +166,11 @@ def _drive(options: argparse.Namespace, channels: Sequence[Channel]) -> Drive:
 
 
 def _advice(
-    margin: DelayMargin, found: Identification, figures: Sequence[Figure]
+    margin: DelayMargin | None, found: Identification, figures: Sequence[Figure]
 ) -> list[str]:  # fmt: skip
     """Return what is said of delays, and what to measure next."""
+    if margin is None:
+        return []
     by_name = {one.name: one for one in figures}
     own = by_name.get("actuator:delay_and_lag_s", by_name["delay_and_lag_s"])
     lines = [
@@ -183,19 +196,29 @@ def _between(channel: Channel, start_s: float | None, end_s: float | None) -> Ch
     return channel._replace(time_s=channel.time_s[inside], values=channel.values[inside])
 
 
-def _progress() -> Progress:
-    """Return what shows a line on a terminal: how far, and the time left at most."""
-    begun_s = time.monotonic()
+class _Progress:
+    """Shows a line on a terminal, how far and the time left at most; Ctrl-C stops what is timed."""
 
-    def advance(evaluation: int, cost: float) -> None:
+    def __init__(self) -> None:
+        self.stopped_in, self._what, self._begun_s, self._is_stopping = "", "", 0.0, False
+        signal.signal(signal.SIGINT, self._stop)
+
+    def _stop(self, _number: int, _frame: object) -> None:
+        self._is_stopping = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a second one ends it at once
+
+    def advance(self, what: str, done: int, of: int) -> None:
+        """Show how far it is; raises Stopped."""
+        if self._is_stopping:
+            self.stopped_in = self.stopped_in or what
+            raise Stopped
         if not sys.stderr.isatty():
             return
-        each_s = (time.monotonic() - begun_s) / evaluation
-        left_s = each_s * max(EVALUATIONS_MAX - evaluation, 0)
-        text = f"fit: evaluation {evaluation}, cost {cost:.4g}, at most {left_s:.0f} s left"
-        print(f"\r{text}; Ctrl-C keeps the best  ", end="", file=sys.stderr, flush=True)
-
-    return advance
+        if what != self._what:
+            self._what, self._begun_s = what, time.monotonic()
+        left_s = (time.monotonic() - self._begun_s) / done * (of - done)
+        left = f"{what}: {done} of at most {of}, at most {left_s:.0f} s left"
+        print(f"\r{left:70}; Ctrl-C keeps the best", end="", file=sys.stderr, flush=True)
 
 
 def _write(
@@ -205,30 +228,35 @@ def _write(
     advice: Sequence[str],
     bus: BusLog | None,
     steering: Steering | None,
-) -> None:
+) -> list[str]:
+    """Write the files and return their names."""
     from steer_by_wire.tools.identify.report import report_html  # loads matplotlib
 
-    options.out.mkdir(parents=True, exist_ok=True)
     source = ", ".join(log.name for log in options.logs)
-    text = vehicle_toml(found.found, found.figures, found.speed_m_s, source)
-    write_text(options.out / "vehicle.toml", text)
     if steering is None:
         total = {one.name: one for one in found.figures}["delay_and_lag_s"]
-        lag_s = max(total.value, 0.0)
+        lag_s = total.value if total.value >= LAG_S_MIN else 0.0
         text = f"# The sum of delay and lag, as a lag; sensors included.\n# {figure_line(total)}\n"
-        table = {"lag_s": lag_s if lag_s >= LAG_S_MIN else 0.0}
+        table = {"lag_s": lag_s}
     else:
         text = "".join(f"# {figure_line(one)}\n" for one in steering.figures)
         table = steering.table
     lines = "".join(f"{key} = {value:.6g}\n" for key, value in table.items())
-    write_text(options.out / "actuator.toml", f"{text}\n[actuator]\n{lines}")
+    files = {
+        "vehicle.toml": vehicle_toml(found.found, found.figures, found.speed_m_s, source),
+        "actuator.toml": f"{text}\n[actuator]\n{lines}",
+    }
     network = None if bus is None else network_toml(bus.figures, bus.latencies)
     if bus is not None and network is not None:
-        write_text(options.out / "network.toml", network)
+        files["network.toml"] = network
         for way in ("downlink", "uplink"):
-            write_text(options.out / f"{way}.csv", trace_csv(bus.latencies.history[way]))
+            files[f"{way}.csv"] = trace_csv(bus.latencies.history[way])
+    options.out.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        write_text(options.out / name, text)
     write_json(options.out / "report.json", _record(found, figures, advice))
     write_text(options.out / "report.html", report_html(found, advice, figures))
+    return [*files, "report.json", "report.html"]
 
 
 def _record(

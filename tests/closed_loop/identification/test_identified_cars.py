@@ -30,7 +30,7 @@ def drawn() -> DrawnDrive:
 @cache
 def found() -> Identification:
     one = drawn()
-    return identify(make_drive(one.channels, "drawn"), one.known, with_profiles=False)
+    return identify(make_drive(one.channels, "drawn"), one.known)
 
 
 def test_no_figure_of_a_drawn_car_is_far_from_the_truth() -> None:

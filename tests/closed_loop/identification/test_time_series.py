@@ -8,6 +8,7 @@ from steer_by_wire.closed_loop.identification.time_series import (
     Channel,
     Quantity,
     continuous,
+    evened,
     make_drive,
     without_spikes,
 )
@@ -55,6 +56,24 @@ def test_a_clock_that_is_set_back_leaves_a_silence() -> None:
     steps = np.diff(time_s)
     assert steps.min() > 0.0
     assert (steps > 0.3).sum() == 1
+
+
+@pytest.mark.parametrize("share_lost", [0.0, 0.03])
+def test_jitter_and_losses_leave_even_times(share_lost) -> None:
+    rng = np.random.default_rng(1)
+    late_s = rng.gamma(2.0, 0.0015, len(TIME_S))
+    there = rng.uniform(size=len(TIME_S)) >= share_lost
+    came_s = np.maximum.accumulate(TIME_S + late_s + 1e-7 * np.arange(len(TIME_S)))[there]
+    wave = np.sin(2.0 * np.pi * 1.5 * TIME_S)[there]
+    even, jitter_s = evened(channel(Quantity.YAW_RATE, wave, came_s))
+    assert jitter_s == pytest.approx(late_s.std(), rel=0.1)
+    assert np.std(even.time_s - TIME_S[there]) < 5e-4
+
+
+def test_times_that_are_uneven_in_truth_are_kept() -> None:
+    uneven_s = np.sort(TIME_S + np.random.default_rng(1).uniform(0.0, 0.005, len(TIME_S)))
+    wave = channel(Quantity.YAW_RATE, np.sin(2.0 * np.pi * 1.5 * uneven_s), uneven_s)
+    assert evened(wave) == (wave, 0.0)
 
 
 def test_a_wheel_that_is_never_turned_is_refused() -> None:

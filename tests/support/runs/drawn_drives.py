@@ -96,12 +96,14 @@ def log_of(
     delays_s: Mapping[str, float] | None = None,
     noise: float = 1.0,
     knows: bool = True,
+    network: tuple[float, float] = (0.0, 0.0),
 ) -> DrawnDrive:
     """Return what a log has of a drive.
 
     ``delays_s``  by which further channels come late
     ``noise``     factor on the drawn noise
     ``knows``     whether mass, geometry and ratio are told
+    ``network``   jitter of its latency [s] and share of samples lost, in bursts of three
     """
     lag_s = float(np.sqrt(car["lag_squared_s2"]))
     dead_s = car["delay_and_lag_s"] - lag_s
@@ -114,8 +116,8 @@ def log_of(
     wheel = lfilter(taps, [1.0, -kept], late, zi=[late[0] * (1.0 - ahead)])[0]
     still = {**car, "lag_squared_s2": 0.0, "delay_and_lag_s": 0.0}
     grid = Grid(
-        np.array([0, len(steps)]), np.zeros(1), wheel, speed_m_s, _slope(speed_m_s)
-    )  # fmt: skip
+        np.array([0, len(steps)]), np.zeros(1), wheel, speed_m_s, _slope(speed_m_s), np.empty(0)
+    )
     response = respond(grid, still, Problem((), (), {}, Known(), ()))
     time_s = steps * STEP_S
     side = Quantity.LATERAL_ACCELERATION
@@ -140,6 +142,7 @@ def log_of(
             (delays_s or {}).get(side, 0.0),
         ),
     ]
+    channels = [_received(one, rng, network) for one in channels]
     known = Known()
     if knows:
         known = Known(
@@ -150,6 +153,20 @@ def log_of(
         )
     truth = {**car, **{f"{name}:delay_s": value for name, value in (delays_s or {}).items()}}
     return DrawnDrive(channels, truth, known)
+
+
+def _received(
+    channel: Channel, rng: np.random.Generator, network: tuple[float, float]
+) -> Channel:  # fmt: skip
+    """Return the samples that arrive, in order, at the times of their arrival."""
+    jitter_s, loss = network
+    if not jitter_s:
+        return channel
+    late_s = rng.gamma(2.0, jitter_s / np.sqrt(2.0), len(channel.time_s)) - np.sqrt(2.0) * jitter_s
+    at_s = np.maximum.accumulate(channel.time_s + late_s + 1e-7 * np.arange(len(late_s)))
+    burst = rng.uniform(size=len(late_s)) < loss / 3.0
+    kept = ~(burst | np.roll(burst, 1) | np.roll(burst, 2))
+    return channel._replace(time_s=at_s[kept], values=channel.values[kept])
 
 
 def _slope(speed_m_s: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 
 from steer_by_wire.plant_emulator.settings import PlantSettings, shared_vehicle
+from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.tools.identify import __main__ as program
 from steer_by_wire.tools.identify.__main__ import main
 from tests.support.runs.drawn_drives import drawn_car, log_of, prescribed
 
@@ -49,6 +52,33 @@ def test_a_drive_becomes_a_vehicle_that_predicts_it(log, tmp_path, capsys) -> No
     assert main([str(log), "--predict", str(out / "vehicle.toml")]) == 0
     predicted = float(re.search(r"residual of yaw rate: (\S+) %", capsys.readouterr().out)[1])
     assert predicted == pytest.approx(residual, rel=0.02)
+
+
+@pytest.mark.parametrize("phase", ["reading", "fit", "delays"])
+def test_an_interrupt_keeps_what_is_known_so_far(log, tmp_path, capsys, monkeypatch, phase) -> None:
+    shown, out = program._Progress.advance, tmp_path / "car"
+
+    def interrupt(*_: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    def advance(progress, what: str, done: int, of: int) -> None:
+        if what == phase and done == 3:
+            interrupt()
+        shown(progress, what, done, of)
+
+    monkeypatch.setattr(program._Progress, "advance", advance)
+    if phase == "reading":
+        monkeypatch.setattr(program, "make_drive", interrupt)
+    assert main([str(log), "--out", str(out)]) == ExitStatus.INTERRUPTED
+    output = capsys.readouterr()
+    files = sorted(file.name for file in out.glob("*"))
+    if phase == "reading":
+        assert "while the logs were read: no file is written" in output.err
+        assert not files
+    else:
+        assert f"interrupted in {phase}: the best so far" in output.out
+        last = output.out.splitlines()[-1].partition(": ")[2]
+        assert sorted(last.split(", ")) == files
 
 
 def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
