@@ -55,6 +55,7 @@ class CurvePoints(NamedTuple):
 Curve = Callable[[FloatArray], CurvePoints]
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def path_along(curve: Curve, knots: FloatArray, *, closed: bool, has_kinks: bool) -> Path:
     """Return the path along a curve, from the first knot to the last.
 
@@ -87,7 +88,7 @@ def path_along(curve: Curve, knots: FloatArray, *, closed: bool, has_kinks: bool
     step_m = np.repeat(spans_m / pieces, pieces)
     turn = 0.5 * step_m * (curvature[1:] + curvature[:-1])
     missed = np.abs(np.diff(heading) - turn)
-    if missed.max() > _TURN_MISSED_MAX_RAD:
+    if not missed.max() <= _TURN_MISSED_MAX_RAD:  # not a number where it turns back on itself
         raise TooSharpError(int(np.repeat(np.arange(len(pieces)), pieces)[np.argmax(missed)]))
     *start_m, total_m = halves_m[::2].tolist()
     slopes = (np.diff(curvature) / step_m).tolist()

@@ -224,6 +224,7 @@ def test_waypoints_in_a_row_are_a_straight(tmp_path: FilePath) -> None:
         ("x_m,y_m\n1,2\n2\n3,4\n", ", line 3: must be x_m,y_m within ±1e+08, not '2,'"),
         ("x_m,y_m\n1,2\n\nnan,2\n3,4\n", ", line 4: must be x_m,y_m within ±1e+08, not 'nan,2'"),
         ("x_m,y_m\n0,0\n1,0\n0,0\n1,0\n", ", line 2: the path bends too sharply"),
+        ("x_m,y_m\n0,0\n20,0\n40,0\n20,0\n0,0\n", ", line 3: the path bends too sharply"),
         ("x_m,y_m\n0,0\n1e308,0\n", ", line 3: must be x_m,y_m within ±1e+08, not '1e308,0'"),
     ],
 )
