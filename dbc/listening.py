@@ -5,10 +5,13 @@ Programs that show a bus take either, and name the messages as ``listed`` does.
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..runtime.frame import Frame
 from .messages import CAN_IDS, CYCLE_TIMES_MS, MESSAGE_TYPES, sent_by
+
+if TYPE_CHECKING:
+    from .dialect.car_message import CarMessage
 
 
 class Listed(NamedTuple):
@@ -47,23 +50,6 @@ class Heard(NamedTuple):
     is_foreign: bool = False
 
 
-class CarSignals(Protocol):
-    """The signals of a car's message, read from the data of an accepted frame."""
-
-    @property
-    def signals(self) -> Sequence[str]:
-        """Their names."""
-        ...
-
-    def values(self, data: bytes) -> Mapping[str, float]:
-        """Return them in the database's units."""
-        ...
-
-    def text(self, data: bytes) -> str:
-        """Return them in words."""
-        ...
-
-
 class Listening(NamedTuple):
     """How a bus is decoded.
 
@@ -82,7 +68,7 @@ class Listening(NamedTuple):
     kept_ids: frozenset[int]
     signals: Mapping[str, str] = MappingProxyType({})
     names: Mapping[str, str] = MappingProxyType({})
-    car_messages: Mapping[str, CarSignals] = MappingProxyType({})
+    car_messages: Mapping[str, "CarMessage"] = MappingProxyType({})
     hear: Callable[[Frame, int], Heard] = lambda frame, _now_ns: Heard((frame,))
     counts: Callable[[str], MessageCounts | None] = lambda _name: None
 

@@ -21,7 +21,7 @@ _SENDERS = {FaultDirection.DOWNLINK: End.CONTROLLER, FaultDirection.UPLINK: End.
 
 
 class MessagesOfCar:
-    """As ``MessagesOnBus`` describes."""
+    """The messages of a car; as ``OurMessages``."""
 
     def __init__(self, dialect: Dialect) -> None:
         self._cars = {(one.can_id, one.flags): one for one in dialect.messages}

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ...dbc import messages
 from ...dbc.bus_language import BusLanguage
@@ -22,47 +22,19 @@ from .settings import (
     NAMES,
     OUR_NAMES,
     FaultSettings,
-    Names,
     fields_of,
     message_types_of,
 )
+
+if TYPE_CHECKING:
+    from .messages_of_car import MessagesOfCar
 
 Change = Callable[[str, float], float]
 """``change(name, value)`` returns the new value of a field."""
 
 
-class MessagesOnBus(Protocol):
-    """What faults have to know of the messages on a bus."""
-
-    names: Names
-
-    def ids(self, fault: FaultSettings) -> frozenset[int]:
-        """Return the identifiers that a fault acts on."""
-        ...
-
-    def starts(self, frame: Frame, now_ns: int) -> bool:
-        """Return whether a frame to the plant is a command, with which the motion starts."""
-        ...
-
-    def moved(self, frame: Frame) -> Frame:
-        """Return a frame under the identifier of another message of its sender."""
-        ...
-
-    def outside(self, frame: Frame) -> Frame | None:
-        """Return the frame with a raw value outside its signal's range; None for an invalid one."""
-        ...
-
-    def values(self, frame: Frame, signal: str) -> Mapping[str, float]:
-        """Return the fields that a signal stands for; none of a frame that is not valid."""
-        ...
-
-    def with_value(self, frame: Frame, signal: str, change: Change, steps: int = 0) -> Frame | None:
-        """Return the frame with a signal changed, its counter advanced, and a valid checksum.
-
-        None if the frame is not a valid message, or the message does not have the signal.
-        """
-        ...
-
+MessagesOnBus: TypeAlias = "OurMessages | MessagesOfCar"
+"""What faults have to know of the messages on a bus."""
 
 _DOWN, _UP = (MESSAGES_OF[direction] for direction in MESSAGES_OF)
 _MOVED_TO: Mapping[int, int] = MappingProxyType(
@@ -104,8 +76,8 @@ _RAW_OUTSIDE = MappingProxyType(
 _TYPES_BY_ID = {can_id: message_type for message_type, can_id in CAN_IDS.items()}
 
 
-class _OurMessages:
-    """Our own; as ``MessagesOnBus`` describes."""
+class OurMessages:
+    """Our own; ``MessagesOfCar`` has the same methods."""
 
     names = OUR_NAMES
     _command_ids = frozenset((CAN_IDS[messages.SteeringCommand], CAN_IDS[messages.SteeringPlan]))
@@ -145,7 +117,10 @@ class _OurMessages:
         return {name: float(getattr(decoded.message, name)) for name in names}
 
     def with_value(self, frame: Frame, signal: str, change: Change, steps: int = 0) -> Frame | None:
-        """Return the frame with a signal changed, its counter advanced by ``steps``."""
+        """Return the frame with a signal changed, its counter advanced by ``steps``.
+
+        None if the frame is not a valid message, or the message does not have the signal.
+        """
         decoded = decode(frame)
         if not isinstance(decoded, Decoded):
             return None
@@ -164,7 +139,7 @@ def within(value: float, low: float, high: float) -> float:
     return low if math.isnan(value) else min(max(value, low), high)
 
 
-OURS = _OurMessages()
+OURS = OurMessages()
 
 
 def messages_in(language: BusLanguage) -> MessagesOnBus:

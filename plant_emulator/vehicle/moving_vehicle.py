@@ -9,7 +9,7 @@ from typing import Any
 
 from ..path.path import Pose, vehicle_pose
 from .car.car_motion import CarMotionParams, rack_force_of_car_n
-from .exact_propagation import BETA, DELTA, PSI, RHO, LinearState, R, Y
+from .exact_propagation import PSI, LinearState, Y
 from .motion_choice import MOTIONS
 from .motion_events import MotionState, with_vehicle
 from .motion_parameters import MotionParams
@@ -118,31 +118,6 @@ class Motion:
         self.time_ns, self.linear, _ = state
 
     @property
-    def lateral_error_m(self) -> float:
-        """Lateral error y of the preview point, to the left of the path positive."""
-        return self.linear[Y]
-
-    @property
-    def heading_error_rad(self) -> float:
-        """Heading error Δψ against the path at the preview point."""
-        return self.linear[PSI]
-
-    @property
-    def side_slip_rad(self) -> float:
-        """Side slip angle β at the centre of gravity."""
-        return self.linear[BETA]
-
-    @property
-    def yaw_rate_rad_s(self) -> float:
-        """Yaw rate r."""
-        return self.linear[R]
-
-    @property
-    def wheel_rad(self) -> float:
-        """Front wheel angle at the actuator, without a steering offset."""
-        return self.linear[DELTA]
-
-    @property
     def is_limited(self) -> bool:
         """Whether the actuator's angle or rate limit shapes the wheel's motion."""
         return bool(self._steps.is_limited(self._state))
@@ -178,17 +153,12 @@ class Motion:
         return speed_m_s
 
     @property
-    def preview_curvature_1_m(self) -> float:
-        """Curvature ρ of the path at the preview point."""
-        return self.linear[RHO]
-
-    @property
     def pose(self) -> Pose:
         """Position of the centre of gravity and heading of the vehicle."""
         return vehicle_pose(
             self.path,
             self.arc_length_m,
-            self.heading_error_rad,
-            self.lateral_error_m,
+            self.linear[PSI],
+            self.linear[Y],
             self.preview_distance_m,
         )

@@ -5,17 +5,8 @@ exponential times: a bit of the nominal rate is hit with the probability that is
 """
 
 from random import Random
-from typing import Protocol
 
 from ..node import NEVER_NS, NS_PER_S
-
-
-class Noise(Protocol):
-    """Says when bits are wrong."""
-
-    def first_hit_ns(self, start_ns: int) -> int:
-        """Return the first instant from ``start_ns`` on, NEVER_NS without any [ns]."""
-        ...
 
 
 class BusNoise:

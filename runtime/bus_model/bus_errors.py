@@ -15,7 +15,6 @@ passive sender is not modelled.
 
 from collections.abc import Callable
 
-from .bit_noise import Noise
 from .bit_ticks import BitTicks
 
 ERROR_FRAME_BITS = 12 + 8
@@ -56,14 +55,18 @@ class ErrorCounters:
 class BusErrors:
     """What a BusModel asks about errors; one for each bus.
 
-    ``noise``     when bits are wrong
+    ``next_hit_ns``  when the next bit is wrong from an instant on, as ``BusNoise.first_hit_ns``
     ``on_error``  called for every destroyed transmission: its end [ns], its sender
 
     ``count``     destroyed transmissions; ``bus_offs`` those that led to bus-off
     """
 
-    def __init__(self, noise: Noise, on_error: Callable[[int, int], None] | None = None) -> None:
-        self.next_hit_ns = noise.first_hit_ns
+    def __init__(
+        self,
+        next_hit_ns: Callable[[int], int],
+        on_error: Callable[[int, int], None] | None = None,
+    ) -> None:
+        self.next_hit_ns = next_hit_ns
         self.on_error = on_error
         self._counters: dict[int, ErrorCounters] = {}
         self._raised: set[int] = set()

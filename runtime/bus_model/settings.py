@@ -55,4 +55,5 @@ def errors_of(settings: BusSettings, seed: int) -> BusErrors | None:
     """Return the errors of a bus; None if it has none."""
     if not settings.has_errors:
         return None
-    return BusErrors(BusNoise(settings.bit_error_rate, settings.bitrate_bit_s, seed))
+    noise = BusNoise(settings.bit_error_rate, settings.bitrate_bit_s, seed)
+    return BusErrors(noise.first_hit_ns)

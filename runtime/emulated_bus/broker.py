@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from ..node import NEVER_NS, NS_PER_MS, NS_PER_S
+from ..node import NEVER_NS, NS_PER_S
 from ..node.statistics import DurationStatistics, DurationSummary
 from .broker_connection import Cause, Connection, ConnectionLostError
 from .channel import NO_TRAFFIC, Channel, Traffic
@@ -28,10 +28,6 @@ from .protocol import Answer, Hello, ProtocolError
 CHANNELS_MAX = 64
 CLIENTS_MAX = 200
 """More would come near the 1024 descriptors that ``select`` can wait for."""
-ACCEPT_PAUSE_NS = 100 * NS_PER_MS
-"""How long no one is accepted after the host had no descriptor for one."""
-_DESCRIPTORS_MAX = 1024
-"""FD_SETSIZE of select(2)."""
 _SEED_STEP = 1_000_003
 """Distance between the seeds of two channels."""
 
@@ -85,7 +81,7 @@ class Broker:
         self.clients: set[Connection] = set()
         self._readers: set[Connection] = set()
         self._writers: set[Connection] = set()
-        self._accept_again_ns = self._most = self._served = self._held_back = 0
+        self._most = self._served = self._held_back = 0
         self.channels: dict[str, Channel] = {}
         self._lateness = DurationStatistics()
 
@@ -110,9 +106,7 @@ class Broker:
 
     def serve(self, timeout_s: float | None, ends: Sequence[int] = ()) -> bool:
         """Wait at most ``timeout_s`` for something to do, and do it; returns False at the end."""
-        sources: list[int | socket.socket | Connection] = [*self._readers, *ends]
-        if self._clock_ns() >= self._accept_again_ns:
-            sources.append(self._listener)
+        sources: list[int | socket.socket | Connection] = [*self._readers, *ends, self._listener]
         readable, writable, _ = select.select(sources, self._writers, (), timeout_s)
         now_ns = self._clock_ns()
         # First what has been complete until now: what is read below competes only from now on.
@@ -123,7 +117,7 @@ class Broker:
             if isinstance(source, int):
                 return False
             if isinstance(source, socket.socket):
-                self._accept(now_ns)
+                self._accept()
             elif source in self._readers:
                 self._read(source, now_ns)
         for client in writable:
@@ -134,8 +128,7 @@ class Broker:
     def _timeout_s(self) -> float | None:
         """Time until the next thing that comes by itself [s]; None with nothing under way."""
         now_ns = self._clock_ns()
-        accept_ns = self._accept_again_ns if self._accept_again_ns > now_ns else NEVER_NS
-        next_ns = min([accept_ns, *(one.next_event_ns for one in self.channels.values())])
+        next_ns = min((one.next_event_ns for one in self.channels.values()), default=NEVER_NS)
         return None if next_ns == NEVER_NS else max(next_ns - now_ns, 0) / NS_PER_S
 
     def _deliver(self, channel: Channel, now_ns: int) -> None:
@@ -151,22 +144,18 @@ class Broker:
             if member.is_held_back and member in self.clients:
                 self._submit(member, now_ns)
 
-    def _accept(self, now_ns: int) -> None:
+    def _accept(self) -> None:
         try:
             connection, _ = self._listener.accept()
-        except (BlockingIOError, ConnectionError):
-            return  # it has gone again before it was accepted
         except OSError:
-            # No descriptor is left, or no memory: it goes on waiting, and would wake us at once.
-            self._accept_again_ns = now_ns + ACCEPT_PAUSE_NS
-            return
+            return  # it has gone again, or waits until the host has a descriptor for it
         if connection.family == socket.AF_INET:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._served += 1
         client = Connection(connection, self._served)
         others = len(self.clients)
         self.clients.add(client)
-        if others >= CLIENTS_MAX or connection.fileno() >= _DESCRIPTORS_MAX:
+        if others >= CLIENTS_MAX:
             self._refuse(client, f"it has {others} clients already")
             return
         self._most = max(self._most, others + 1)

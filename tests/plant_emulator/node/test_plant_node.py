@@ -21,6 +21,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator.sensors.sampling import VEHICLE_STATE_PERIOD_NS
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import DELTA, PSI, Y
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from tests.support.frames.made_messages import command_of
@@ -52,7 +53,7 @@ def reference_samples(
             motion.command(steer_rad)
         if sample_ns >= motion_start_ns:
             motion.advance(sample_ns - motion_start_ns)
-            found.append((motion.lateral_error_m, motion.heading_error_rad, motion.wheel_rad))
+            found.append((motion.linear[Y], motion.linear[PSI], motion.linear[DELTA]))
     return found
 
 

@@ -14,7 +14,7 @@ from steer_by_wire.plant_emulator.vehicle.actuator import (
     end_ramp,
     is_limited,
 )
-from steer_by_wire.plant_emulator.vehicle.exact_propagation import propagate
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import DELTA, propagate
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.plant_emulator.vehicle.settings import (
@@ -61,7 +61,7 @@ def test_wheel_follows_a_servo_integrated_in_fine_steps(name: str) -> None:
             wheel += step_s * min(max(wanted, -rate), rate)
         now_ns += steps * 10_000
         motion.advance(now_ns)
-        assert motion.wheel_rad == pytest.approx(wheel, abs=1e-4)
+        assert motion.linear[DELTA] == pytest.approx(wheel, abs=1e-4)
 
 
 @given(st.lists(st.tuples(st.floats(-0.7, 0.7), st.integers(1, 30_000_000)), max_size=20))
@@ -76,7 +76,7 @@ def test_transparent_actuator_adds_exactly_nothing(commands: list[tuple[float, i
         linear = (beta, r, psi, y, command, rate, rho, rho_rate, w_beta, w_r)
         linear = propagate(TRANSPARENT.table, 0, linear, dt_ns)
         assert motion.linear == linear
-        assert motion.wheel_rad == command
+        assert motion.linear[DELTA] == command
         assert not motion.is_limited
 
 
@@ -88,13 +88,13 @@ TRANSPARENT = motion_params(
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=30))
 def test_wheel_keeps_both_limits_whatever_is_commanded(commands: list[float]) -> None:
     motion = Motion(LIMITED)
-    before = motion.wheel_rad
+    before = motion.linear[DELTA]
     for index, command in enumerate(commands, start=1):
         motion.command(command)
         motion.advance(index * 7_000_000)
-        assert abs(motion.wheel_rad) <= 0.1 + 1e-12
-        assert abs(motion.wheel_rad - before) <= 0.8 * 0.007 + 1e-12
-        before = motion.wheel_rad
+        assert abs(motion.linear[DELTA]) <= 0.1 + 1e-12
+        assert abs(motion.linear[DELTA] - before) <= 0.8 * 0.007 + 1e-12
+        before = motion.linear[DELTA]
 
 
 LIMITED = motion_params(
@@ -125,7 +125,7 @@ def test_ramp_without_lag_stops_exactly_on_its_goal() -> None:
     motion.advance(333_333_333)
     assert motion.is_limited
     motion.advance(333_333_334)
-    assert motion.wheel_rad == -0.1
+    assert motion.linear[DELTA] == -0.1
     assert not motion.is_limited
 
 

@@ -5,7 +5,7 @@ from scipy.integrate import solve_ivp
 
 from steer_by_wire.plant_emulator.path.settings import CircleSettings, StraightSettings
 from steer_by_wire.plant_emulator.vehicle.disturbance import disturbance_intervals
-from steer_by_wire.plant_emulator.vehicle.exact_propagation import TABLE_ROWS
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import BETA, TABLE_ROWS, R, Y
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.plant_emulator.vehicle.settings import (
@@ -61,12 +61,12 @@ def test_side_force_and_yaw_moment_lead_to_their_steady_state() -> None:
         DisturbanceStep(at_s=0.5, side_force_n=2000.0, yaw_moment_n_m=-300.0), side_force_arm_m=-0.4
     )
     motion.advance(500_000_000)
-    assert motion.yaw_rate_rad_s == 0.0
+    assert motion.linear[R] == 0.0
     motion.advance(20_000_000_000)
     a, _ = state_matrices(PARAMS)
     load = [2000.0 / (2000.0 * 20.0), (-300.0 - 0.4 * 2000.0) / 3728.0]
     steady = -np.linalg.solve(a[:2, :2], load)
-    assert (motion.side_slip_rad, motion.yaw_rate_rad_s) == pytest.approx(steady, rel=1e-9)
+    assert (motion.linear[BETA], motion.linear[R]) == pytest.approx(steady, rel=1e-9)
 
 
 def test_steering_offset_acts_like_steer_that_the_wheel_sensor_does_not_see() -> None:
@@ -98,8 +98,8 @@ def test_friction_step_changes_the_vehicle_on_its_way() -> None:
             rtol=1e-11,
             atol=1e-13,
         ).y[:, -1]
-    assert motion.lateral_error_m == pytest.approx(x[3], abs=1e-8)
-    assert motion.yaw_rate_rad_s == pytest.approx(x[1], abs=1e-9)
+    assert motion.linear[Y] == pytest.approx(x[3], abs=1e-8)
+    assert motion.linear[R] == pytest.approx(x[1], abs=1e-9)
 
 
 def test_every_friction_has_one_table_however_often_it_returns() -> None:

@@ -13,7 +13,7 @@ from steer_by_wire.plant_emulator.path.settings import (
     PathSettings,
     StraightSettings,
 )
-from steer_by_wire.plant_emulator.vehicle.exact_propagation import TABLE_ROWS
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import DELTA, PSI, RHO, TABLE_ROWS, Y
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import MotionParams, motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.plant_emulator.vehicle.settings import (
@@ -64,8 +64,8 @@ def test_looking_at_the_motion_does_not_change_it(
 def test_motion_starts_at_rest_on_the_path_with_its_curvature_before_it() -> None:
     motion = Motion(quiet(EllipseSettings()))
     assert motion.time_ns == 0
-    assert motion.preview_curvature_1_m == pytest.approx(78.2 / 41.74**2)
-    assert (motion.lateral_error_m, motion.heading_error_rad, motion.wheel_rad) == (0.0, 0.0, 0.0)
+    assert motion.linear[RHO] == pytest.approx(78.2 / 41.74**2)
+    assert (motion.linear[Y], motion.linear[PSI], motion.linear[DELTA]) == (0.0, 0.0, 0.0)
     # The ellipse starts northbound at (a, 0): the centre of gravity stands south of it.
     assert motion.pose == pytest.approx((78.2, -2.0, 0.5 * math.pi))
 
@@ -73,7 +73,7 @@ def test_motion_starts_at_rest_on_the_path_with_its_curvature_before_it() -> Non
 def test_motion_starts_next_to_the_path_where_the_settings_say() -> None:
     next_to_it = VehicleSettings(initial_lateral_error_m=0.7, initial_heading_error_rad=-0.3)
     motion = Motion(quiet(StraightSettings(), next_to_it))
-    assert (motion.lateral_error_m, motion.heading_error_rad) == (0.7, -0.3)
+    assert (motion.linear[Y], motion.linear[PSI]) == (0.7, -0.3)
     # The preview point is 0.7 m to the left; the centre of gravity 2 m behind it.
     at = -2.0 * math.cos(0.3), 0.7 + 2.0 * math.sin(0.3), -0.3
     assert motion.pose == pytest.approx(at)
@@ -93,7 +93,7 @@ def test_curvature_and_arc_length_follow_the_path_over_laps() -> None:
     for second in np.linspace(0.0, 20.0, 300):
         motion.advance(round(second * 1e9))
         assert motion.arc_length_m == pytest.approx(motion.speed_m_s * second, abs=1e-6)
-        assert motion.preview_curvature_1_m == pytest.approx(
+        assert motion.linear[RHO] == pytest.approx(
             curvature(params.path, motion.arc_length_m), abs=1e-8
         )
 
@@ -126,7 +126,7 @@ def test_vehicle_seen_from_above_moves_where_its_velocity_points() -> None:
     world = np.array([*motion.pose, 0.0, 0.0])
     worst_m = 0.0
     for tick in range(2000):
-        steer = 2.846 / 200.0 - 0.2 * motion.lateral_error_m - 0.2 * motion.heading_error_rad
+        steer = 2.846 / 200.0 - 0.2 * motion.linear[Y] - 0.2 * motion.linear[PSI]
         motion.command(steer)
         motion.advance((tick + 1) * 10_000_000)
         for _ in range(10):  # Runge-Kutta at 1 ms
@@ -154,7 +154,7 @@ def test_motion_in_the_loop_reproduces_table_2() -> None:
         drift = motion.speed_m_s * (beta + psi) + 2.0 * r
         motion.command(-1.0596 * y - 0.939 * drift)
         motion.advance(tick * 1_000_000)
-        squares += motion.lateral_error_m**2
+        squares += motion.linear[Y] ** 2
     assert 0.0526 - 2e-4 < math.sqrt(squares / ticks) < 0.0526 + 2e-4
 
 

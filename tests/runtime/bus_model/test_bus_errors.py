@@ -29,7 +29,9 @@ class HitsAt:
 def errors_at(*hits_ns: int) -> tuple[BusErrors, list[int]]:
     """Return the errors of a bus, and the ends of the transmissions that they destroy [ns]."""
     ends_ns: list[int] = []
-    return BusErrors(HitsAt(*hits_ns), lambda time_ns, _: ends_ns.append(time_ns)), ends_ns
+    return BusErrors(
+        HitsAt(*hits_ns).first_hit_ns, lambda time_ns, _: ends_ns.append(time_ns)
+    ), ends_ns
 
 
 def until_idle(bus: BusModel) -> list[tuple[int, Frame]]:
@@ -106,7 +108,7 @@ def test_bus_off_loses_the_frames_and_ends_after_its_time() -> None:
 
 
 def test_a_bus_with_noise_of_rate_zero_is_the_bus_without() -> None:
-    quiet = BusErrors(BusNoise(0.0, BITRATE_BIT_S, 1))
+    quiet = BusErrors(BusNoise(0.0, BITRATE_BIT_S, 1).first_hit_ns)
     buses = BusModel(BITRATE_BIT_S), BusModel(BITRATE_BIT_S, errors=quiet)
     draw, now_ns, ends = random.Random(3), 0, ([], [])
     for number in range(2000):

@@ -72,7 +72,7 @@ def errors_with(bit_error_rate: float | None, events: list[tuple[int, int]]) -> 
     if bit_error_rate is None:
         return None
     noise = BusNoise(bit_error_rate, BITRATE_BIT_S, 5)
-    errors = BusErrors(noise, lambda *event: events.append(event))
+    errors = BusErrors(noise.first_hit_ns, lambda *event: events.append(event))
     for node in range(-5, 2):
         errors.join(node)
     return errors

@@ -1,11 +1,7 @@
 """Clients that join and leave the broker: the others keep their frames; each end is reported."""
 
-import errno
-import socket
-
 import pytest
 
-from steer_by_wire.runtime.emulated_bus.broker import ACCEPT_PAUSE_NS
 from steer_by_wire.runtime.emulated_bus.broker_connection import Cause
 from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
@@ -14,7 +10,6 @@ from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from tests.support.programs.broker_bench import (
     CLASSIC_FRAME_NS,
     Bench,
-    assert_bus_is_well,
     received,
     send,
 )
@@ -33,32 +28,6 @@ def test_the_last_frames_of_a_client_that_leaves_still_go_out(bench: Bench) -> N
     assert received(listener) == frames
     assert bench.gone(Cause.LEFT) == 1
     assert bench.lines == []
-
-
-def test_a_host_without_descriptors_is_asked_again_later(bench: Bench) -> None:
-    one, other = bench.join(), bench.join()
-    attempts = 0
-
-    class Exhausted:
-        def accept(self) -> tuple[socket.socket, object]:
-            nonlocal attempts
-            attempts += 1
-            raise OSError(errno.EMFILE, "Too many open files")
-
-    broker = bench.broker
-    broker._accept(bench.now_ns)  # no one is there: no pause
-    listener, broker._listener = broker._listener, Exhausted()
-    broker._accept(bench.now_ns)
-    broker._listener = listener
-    late = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    with late:
-        late.connect(str(bench.path))
-        bench.step(20)
-        assert bench.broker.figures.connected == 2
-        assert_bus_is_well(bench, one, other)
-        bench.advance(ACCEPT_PAUSE_NS)
-        assert bench.broker.figures.connected == 3
-    assert attempts == 1
 
 
 # What is reported

@@ -30,6 +30,7 @@ from steer_by_wire.plant_emulator.network.settings import (
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import Y
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
@@ -130,9 +131,9 @@ def textbook_loop(
     samples = []
     for index in range(plant.duration_ns // controller.period_ns + 1):
         motion.advance(index * controller.period_ns)
-        samples.append((motion.lateral_error_m, held_rad))
+        samples.append((motion.linear[Y], held_rad))
         measured_m = (
-            round(motion.lateral_error_m / LATERAL_ERROR_RESOLUTION_M) * LATERAL_ERROR_RESOLUTION_M
+            round(motion.linear[Y] / LATERAL_ERROR_RESOLUTION_M) * LATERAL_ERROR_RESOLUTION_M
         )
         state, output = design.step(design.params, state, LawInput(measured_m, steer_rad))
         low_rad = max(-angle_rad, steer_rad - step_rad)

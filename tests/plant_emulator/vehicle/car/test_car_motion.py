@@ -16,6 +16,7 @@ from steer_by_wire.dbc.messages import Sender, SpeedRequest
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_motion_params, plant_preset
 from steer_by_wire.plant_emulator.vehicle.car import car_motion
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import PSI, R, Y
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 
 MS = 1_000_000
@@ -80,11 +81,11 @@ def test_a_parked_car_does_not_drift() -> None:
     motion.command(0.05)
     motion.advance(40_000 * MS)
     assert motion.speed_m_s == 0.0
-    parked = motion.heading_error_rad, motion.lateral_error_m, motion.place
+    parked = motion.linear[PSI], motion.linear[Y], motion.place
     for later_ms in (40_001, 41_000, 45_000):
         motion.advance(later_ms * MS)
-        assert (motion.heading_error_rad, motion.lateral_error_m, motion.place) == parked
-        assert abs(motion.yaw_rate_rad_s) < 1e-16
+        assert (motion.linear[PSI], motion.linear[Y], motion.place) == parked
+        assert abs(motion.linear[R]) < 1e-16
 
 
 @pytest.mark.parametrize(
@@ -100,7 +101,7 @@ def test_half_the_step_moves_the_error_by_less_than_one_percent(
         for tick in range(400):
             motion.advance(tick * 10 * MS)
             motion.command(0.03 * math.sin(math.tau * tick / 200))
-            errors_m.append(motion.lateral_error_m)
+            errors_m.append(motion.linear[Y])
         return float(np.sqrt(np.mean(np.square(errors_m))))
 
     whole_m = rms_m()
@@ -121,7 +122,7 @@ def test_the_place_on_the_path_follows_the_motion_at_large_angles() -> None:
         heading -= 0.0005 * car.yaw_rate_rad_s
         x += 1e-3 * (car.speed_m_s * math.cos(heading) - car.lateral_speed_m_s * math.sin(heading))
         y += 1e-3 * (car.speed_m_s * math.sin(heading) + car.lateral_speed_m_s * math.cos(heading))
-    assert motion.heading_error_rad < -0.8
+    assert motion.linear[PSI] < -0.8
     assert (at_x, at_y) == pytest.approx((x, y), abs=1e-3)
 
 

@@ -22,6 +22,7 @@ from steer_by_wire.plant_emulator.vehicle.car.rack_friction import (
 )
 from steer_by_wire.plant_emulator.vehicle.car.rack_settings import RackSettings, rack_params
 from steer_by_wire.plant_emulator.vehicle.car.steering_input import SteeringInput
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import DELTA
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError
@@ -209,7 +210,7 @@ def test_a_published_actuator_replaces_that_of_a_preset(
     motion = Motion(plant_motion_params(settings))
     motion.command(0.001)
     motion.advance(round((dead_time_s + lag_s) * 1e9))
-    assert motion.wheel_rad == pytest.approx(0.001 * (1.0 - math.exp(-1.0)), rel=0.01)
+    assert motion.linear[DELTA] == pytest.approx(0.001 * (1.0 - math.exp(-1.0)), rel=0.01)
 
 
 def test_a_rack_without_a_position_loop_is_refused() -> None:

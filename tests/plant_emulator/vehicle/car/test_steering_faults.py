@@ -8,6 +8,7 @@ from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_v
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_motion_params, plant_preset
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import DELTA
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.runtime.settings import SettingsError
 
@@ -45,22 +46,22 @@ def test_a_fault_leaves_that_share_of_the_rate(kind: str, magnitude: float, shar
     motion.advance(1500 * MS)
     motion.command(1.0)
     motion.advance(2300 * MS)
-    at_rad = motion.wheel_rad
+    at_rad = motion.linear[DELTA]
     motion.advance(2800 * MS)
-    assert (motion.wheel_rad - at_rad) / 0.5 == pytest.approx(0.4 * share, abs=0.004)
+    assert (motion.linear[DELTA] - at_rad) / 0.5 == pytest.approx(0.4 * share, abs=0.004)
     motion.advance(3300 * MS)
-    again_rad = motion.wheel_rad
+    again_rad = motion.linear[DELTA]
     motion.advance(3400 * MS)
-    assert (motion.wheel_rad - again_rad) / 0.1 == pytest.approx(0.4, abs=0.004)
+    assert (motion.linear[DELTA] - again_rad) / 0.1 == pytest.approx(0.4, abs=0.004)
 
 
 def test_a_motor_without_torque_lets_the_road_straighten_the_wheel() -> None:
     motion = Motion(plant_motion_params(plant_preset("bmw_320i", [*CAR, failing("weak_motor", 0)])))
     motion.command(0.05)
     motion.advance(2000 * MS)
-    turned_rad = motion.wheel_rad
+    turned_rad = motion.linear[DELTA]
     motion.advance(2900 * MS)
-    assert abs(motion.wheel_rad) < 0.6 * turned_rad
+    assert abs(motion.linear[DELTA]) < 0.6 * turned_rad
 
 
 def test_one_of_two_channels_holds_the_wheel_and_no_full_load() -> None:
@@ -71,7 +72,7 @@ def test_one_of_two_channels_holds_the_wheel_and_no_full_load() -> None:
         motion = Motion(plant_motion_params(settings))
         motion.command(1.0)
         motion.advance(300 * MS)
-        rates.append(motion.wheel_rad / 0.3)
+        rates.append(motion.linear[DELTA] / 0.3)
     assert 0.3 * rates[0] < rates[1] < 0.9 * rates[0]
 
 
