@@ -5,7 +5,6 @@ The names are those of Vector's interaction layer; the E2E parameters' are those
 
 from cantools.database.can import Message as Definition
 
-from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.controller.node.newest_messages import RECEIVED as CONTROLLER_RECEIVES
 from steer_by_wire.controller.node.newest_messages import SUPERVISED
 from steer_by_wire.controller.settings import controller_preset
@@ -90,12 +89,6 @@ def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() ->
                 assert message == (Direction.BOTH, 0, 0.0, 0.0, 0.0)
             case _:
                 assert not any(message)
-
-
-def test_the_bit_rate_is_the_one_that_loads_and_tests_are_computed_with() -> None:
-    assert DATABASE.dbc is not None
-    values = {name: attribute.value for name, attribute in DATABASE.dbc.attributes.items()}
-    assert values == {"BusType": "CAN FD", "Baudrate": QUIET_BUS.bitrate_bit_s}
 
 
 def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> None:

@@ -196,17 +196,6 @@ def test_a_field_whose_unit_is_not_the_dbcs_is_refused() -> None:
         MessageCodec(layout, InMillimetres)
 
 
-def test_quantisation_is_small_beside_the_smallest_lateral_error_expected() -> None:
-    """Uniform quantisation noise has RMS q/sqrt(12); steer reaches the path by about 1 m/rad."""
-    smallest_rms_m = 1.3e-3
-    command, error = (
-        DATABASE.get_message_by_name(n) for n in ("STEERING_COMMAND", "LATERAL_ERROR")
-    )
-    for definition, name in ((command, "STEER"), (error, "LATERAL_ERROR_LATERAL_ERROR")):
-        resolution = definition.get_signal_by_name(name).scale
-        assert resolution / 12**0.5 < 0.01 * smallest_rms_m
-
-
 def unused_bits(definition: Definition) -> list[int]:
     used = {signal.start + bit for signal in definition.signals for bit in range(signal.length)}
     return [bit for bit in range(8 * definition.length) if bit not in used]

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
-from steer_by_wire.plant_emulator.network.settings import LatencySettings, Order
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.settings import (
@@ -40,21 +38,6 @@ def test_every_preset_loads_and_runs(name: str) -> None:
 def test_every_preset_survives_being_written_and_read(name: str) -> None:
     settings = load_settings(PlantSettings, read_preset(PRESETS, name))
     assert load_settings(PlantSettings, Preset("again", dump_toml(settings))) == settings
-
-
-def test_by_default_the_network_does_nothing() -> None:
-    for line in (PlantSettings().latency.downlink, PlantSettings().latency.uplink):
-        assert line == LatencySettings()
-        assert (line.model, line.mean_s, line.loss) == (Distribution.CONSTANT, 0.0, 0.0)
-        assert line.order is Order.NEWEST_WINS
-
-
-def test_times_are_whole_nanoseconds() -> None:
-    settings = load_settings(
-        PlantSettings, overrides=["duration_s=0.1234567891", "sensor_period_ms=3.3333333"]
-    )
-    assert settings.duration_ns == 123_456_789
-    assert settings.sensor_period_ns == 3_333_333
 
 
 @pytest.mark.parametrize(

@@ -139,12 +139,6 @@ def test_the_matrices_of_a_law_do_what_its_steps_do(law: str) -> None:
         assert sent_rad == pytest.approx(expected_rad, rel=1e-9, abs=1e-9)
 
 
-def test_a_law_that_reads_no_command_is_analysed_as_one_that_reads_the_last() -> None:
-    design = design_law(observer_settings("pd"))
-    none, last = (law_system(design._replace(commands_read=count)) for count in (0, 1))
-    assert repr(none) == repr(last)
-
-
 @pytest.mark.parametrize("delay_ms", [0, 4, 80])
 def test_the_gain_margins_are_where_stability_ends(delay_ms: int) -> None:
     model = VEHICLE.model

@@ -15,14 +15,13 @@ from steer_by_wire.controller.filters.continuous_filters import q_order_2, q_typ
 from steer_by_wire.controller.filters.discretization import (
     design_cdob,
     design_dob,
-    design_pd,
     hold_equivalent_order_2,
     hold_equivalent_type_2,
     tustin_sections,
 )
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.controller.filters.sections import Section
-from steer_by_wire.controller.filters.settings import CdobSettings, DobSettings, PdSettings
+from steer_by_wire.controller.filters.settings import CdobSettings, DobSettings
 from steer_by_wire.controller.filters.transfer_function import TransferFunction
 from steer_by_wire.controller.laws.settings import LawSettings
 
@@ -95,16 +94,6 @@ def test_washout_leaves_a_stable_compensation_and_its_absence_two_integrators() 
     expected = 3.627e4 / 3.329e4 / 3.0**2  # s²/(s + 3)² · G_n at s = 0
     assert at_rest(with_washout.compensation) == pytest.approx(expected, rel=1e-9)
     assert any(1.0 + a1 + a2 == 0.0 for _, _, _, a1, a2 in without.compensation)
-
-
-@pytest.mark.parametrize("period_s", [0.01, 0.001])
-def test_the_derivative_filter_is_a_gain_of_both_terms_at_high_frequency(period_s: float) -> None:
-    pd = PdSettings(
-        proportional_gain_rad_m=1.0, derivative_gain_rad_s_m=0.5, derivative_filter_rad_s=20.0
-    )
-    section = design_pd(pd, period_s).compensator
-    z = np.array([1.0 + 0.0j, -1.0 + 0.0j])
-    np.testing.assert_allclose(respond((section,), z), [1.0, 1.0 + 0.5 * 20.0], rtol=1e-12)
 
 
 @pytest.mark.parametrize(

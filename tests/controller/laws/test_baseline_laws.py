@@ -8,14 +8,13 @@ from itertools import product
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, rms_of, run_compiled
-from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import SettingsError, read_preset
-from tests.support.loops.baseline_runs import FEED_FORWARD, run_nodes, vehicle_of
+from tests.support.loops.baseline_runs import FEED_FORWARD, vehicle_of
 from tests.support.runs.compiled_runs import NETWORKS, assert_same_as_nodes
 from tests.support.runs.compiled_runs import plant_settings as rig
 from tests.support.suite.no_jitter import no_jitter as no_jitter
@@ -100,15 +99,3 @@ def test_the_predictor_takes_no_feed_forward() -> None:
     overrides = ('law="predictor"', "predictor={}", *FEED_FORWARD)
     with pytest.raises(SettingsError, match="steers for the curvature that it estimates"):
         preset("practical_pd_ddob", overrides)
-
-
-@pytest.mark.usefixtures("no_jitter")
-def test_the_check_says_what_can_be_said_of_each() -> None:
-    assert "stable at     0.00 to " in check_text(preset("practical_smith"))
-    fed = preset("practical_pd", (*FEED_FORWARD, "rate_hz=50"))
-    assert "feed-forward of the curve is outside" in check_text(fed)
-
-
-def test_the_plant_learns_which_law_it_is() -> None:
-    node = run_nodes(rig([], 1.0), preset("practical_smith"))
-    assert node.report()["law"] == "smith"

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from steer_by_wire.closed_loop.pair.pair_result import rms
 from steer_by_wire.closed_loop.pair.virtual_pair import VirtualPair, make_virtual_pair
 from steer_by_wire.controller.history.plan import (
-    ROW_LENGTH,
     SPACING_MAX,
     VALUES,
     limit_plan,
@@ -32,10 +31,6 @@ def test_a_row_is_read_as_the_plant_plays_it() -> None:
     assert [value_at(RAMP, sample) for sample in (-5, 0, 4, 6, 68, 69, 500)] == pytest.approx(
         [0.0, 0.0, 0.01, 0.015, 0.17, 0.17, 0.17]
     )
-
-
-def test_a_single_command_acts_at_every_sample() -> None:
-    assert {value_at([7.0, 0.0, 0.3, 0.9], sample) for sample in (0, 7, 500)} == {0.3}
 
 
 def test_a_plan_is_limited_from_the_plan_before_on() -> None:
@@ -175,11 +170,6 @@ def test_on_classic_can_the_law_is_the_predictor() -> None:
     plans, commands, _ = run(settings, duration_s=1.0)
     assert (plans, len(commands)) == ([], 101)
     assert on_bus(controller(), takes_fd=True).law == "packet"
-
-
-def test_a_row_is_two_numbers_and_the_values_of_the_message() -> None:
-    assert ROW_LENGTH == 2 + VALUES
-    assert sum(name.startswith("steer_") for name in SteeringPlan._fields) == VALUES
 
 
 def test_with_the_path_ahead_a_plan_foresees_what_is_steered() -> None:

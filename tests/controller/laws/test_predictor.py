@@ -212,13 +212,6 @@ def test_where_the_steering_overrules_its_command_it_is_the_wheel() -> None:
     assert command_from(LOOP_DELAY, loop_delay, seen, 13) == SENT[12]
 
 
-def test_where_no_command_is_applied_there_is_no_steer() -> None:
-    loop_delay = LoopDelay(30, 20, 20, 30.0 * MS, True)
-    assert command_from(LOOP_DELAY, loop_delay, history(lambda _: -1), 10) == 0.0
-    never = LoopDelay(30, -1, -1, 30.0 * MS, True)
-    assert command_from(LOOP_DELAY, never, history(lambda _: -1), 1) == 0.0
-
-
 @pytest.mark.parametrize("delay_ms", [0.0, 20.0, 30.0, 33.7, 35.0, 78.2])
 @pytest.mark.parametrize(("period_ms", "sensor_period_ms"), [(10, 10), (5, 10), (10, 7), (20, 10)])
 def test_a_command_that_no_echo_has_shown_is_expected_after_the_delay(
@@ -235,17 +228,6 @@ def test_a_command_that_no_echo_has_shown_is_expected_after_the_delay(
         assert seen == pytest.approx(expected, abs=2e-4), sample
 
 
-def test_a_command_older_than_the_newest_echoed_is_in_effect_no_more() -> None:
-    """One that has overtaken: the echo is ahead of what the delay leads to expect."""
-    loop_delay = LoopDelay(30, 20, 20, 80.0 * MS, True)
-    assert command_from(LOOP_DELAY, loop_delay, history(lambda _: 18), 20) == SENT[18]
-
-
-def test_a_command_that_is_not_yet_sent_is_the_last_one_sent() -> None:
-    loop_delay = LoopDelay(30, 20, 20, 30.0 * MS, True)
-    assert command_from(LOOP_DELAY, loop_delay, history(lambda _: 17), 60) == SENT[29]
-
-
 # Starting, and predicting
 
 
@@ -255,13 +237,6 @@ def test_an_estimate_begins_at_the_newest_sample_with_echo_and_measurement() -> 
     assert start_estimate(estimator_at_rest(9.0), loop_delay, h) == EstimatorState(
         20, 0.0, 0.0, 0.1, 0.5, 0.0, 0.0, 0.0
     )
-
-
-def test_no_estimate_begins_without_echo_or_measurement() -> None:
-    x = estimator_at_rest(0.5)
-    assert start_estimate(x, LoopDelay(30, 22, -1, 0.0, False), history()) == x
-    unseen = history()._replace(has_error=[False] * 64)
-    assert start_estimate(x, LoopDelay(30, 22, 20, 0.0, True), unseen) == x
 
 
 def test_an_estimate_goes_on_through_a_gap_and_begins_anew_after_a_long_one() -> None:

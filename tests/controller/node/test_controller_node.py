@@ -70,12 +70,6 @@ def test_every_period_has_one_command_on_the_grid_with_both_counters_stepping() 
     assert [counter for _, _, counter in commands] == [index % 256 for index in range(600)]
 
 
-def test_the_command_counter_wraps_at_16_bits() -> None:
-    commands = SentCommands()
-    counters = [commands.on_sent(number) for number in range(65_540)]
-    assert counters == [number % 65_536 for number in range(65_540)]
-
-
 def test_the_status_reports_mode_law_and_counts_ten_times_a_second() -> None:
     plant = link()
     plant.drive(95, 0.01)
@@ -96,13 +90,6 @@ def test_a_law_with_a_model_says_once_a_second_what_it_takes_its_vehicle_for() -
     seconds = range(0, 3000, 1000)
     assert models == [(START_NS + ms * MS_NS, as_set, ms // 1000) for ms in seconds]
     assert plant.node.report()["believed"] == {"steering_lag_s": 0.05, "virtual_mass_kg": 2000.0}
-
-
-def test_a_law_without_a_model_takes_its_vehicle_for_nothing() -> None:
-    plant = link()
-    plant.drive(101, 0.01)
-    assert not any(isinstance(message, ModelStatus) for _, message, _ in plant.sent)
-    assert plant.node.report()["believed"] is None
 
 
 def test_a_late_tick_keeps_phase_and_counts_what_it_skipped() -> None:

@@ -15,7 +15,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame import Frame
 from tests.support.frames.made_messages import command_of, error_of, motion_of
-from tests.support.nodes.controller_link import PERIOD_NS, START_NS, Link, controller_settings
+from tests.support.nodes.controller_link import START_NS, Link, controller_settings
 
 
 def link() -> Link:
@@ -49,13 +49,6 @@ def silent_after_a_run(*, ends_with_plant: bool) -> Link:
     assert not tested.node.finished  # 2.5 s of silence
     tested.drive(150, None)
     return tested
-
-
-def test_a_controller_waits_for_ever_for_its_plant_by_default() -> None:
-    tested = silent_after_a_run(ends_with_plant=False)
-    tested.drive(2000, None)
-    assert not tested.node.finished
-    assert not tested.node.has_ended_with_plant
 
 
 def test_a_controller_can_end_with_its_plant() -> None:
@@ -112,13 +105,6 @@ def test_a_plant_of_another_revision_of_the_dbc_is_said_in_one_line() -> None:
     tested.node.on_frame(Frame(CAN_IDS[LateralError], bytes(payload)), START_NS)
     assert tested.node.view(START_NS).states["revision"] == OTHER_REVISION_TEXT
     assert f"than this one's {VERSION}: use one release" in OTHER_REVISION_TEXT
-
-
-def test_skipped_periods_are_shown() -> None:
-    tested = link()
-    tested.drive(3, 0.1)
-    tested.node.on_tick(tested.now_ns + 5 * PERIOD_NS)
-    assert tested.node.view(tested.now_ns).counts["control periods skipped"] == 5
 
 
 def test_a_second_sender_is_shown_by_the_message_it_sends() -> None:

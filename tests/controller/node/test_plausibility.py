@@ -106,15 +106,6 @@ def test_one_forged_vehicle_state_is_forgotten(
     assert watch.contradiction == ""
 
 
-def test_after_a_gap_the_watch_begins_again() -> None:
-    watch = Plausibility(None, has_plans=True)
-    for _ in range(60):
-        state = motion_of(SPEED_M_S, 0.2, -0.1)
-        watch.step(mean_motion([(state, 0.0, 0.0, 0.0)], STEP_S), 0.0, 0.0, 0.0)
-        watch.restart()
-    assert watch.contradiction == ""
-
-
 # With faults whose frames are valid
 
 

@@ -1,9 +1,5 @@
 """Layout, primitive and figures of authenticated frames, each against somebody else's."""
 
-import math
-import re
-from pathlib import Path
-
 import pytest
 from cantools.autosar.secoc import apply_authenticator, verify_authenticator
 from hypothesis import given
@@ -32,7 +28,7 @@ from steer_by_wire.dbc.secoc.secured_frame import (
     plain,
 )
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
-from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from tests.support.frames.authenticated_ends import (
     COMMAND,
     CONTROLLER_CHALLENGE,
@@ -145,26 +141,3 @@ def test_what_is_sent_by_hand_has_no_secured_form() -> None:
 
 
 # The document's figures
-
-
-DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "authentication.md"
-SECONDS = {"ms": 1e-3, "min": 60.0, "h": 3600.0, "years": 3600 * 24 * 365.25, "million": 1e6}
-
-
-def seconds_of(text: str) -> float:
-    number, *units = text.split()
-    return float(number) * math.prod(SECONDS[unit] for unit in units)
-
-
-def test_the_document_says_how_long_guessing_takes() -> None:
-    text = " ".join(DOCUMENT.read_text(encoding="utf-8").split())
-    sentence = r"guesses, (\d+) a second .* accepted after (.*?); after (.*?) with the 24 bits"
-    found = re.search(sentence, text)
-    assert found is not None
-    for bits, length, expected in ((64, 20, found[2]), (24, 12, found[3])):
-        # Alternating bits: without stuff bits, and so as many as there can be.
-        frame = Frame(0x100, b"\x55" * length, FD | BITRATE_SWITCH)
-        nominal, data = frame_bits(frame)
-        guesses_s = 1.0 / ((nominal + INTERMISSION_BITS) / 500e3 + data / 2e6)
-        assert length != 20 or int(found[1]) == round(guesses_s)
-        assert seconds_of(expected) == pytest.approx(2.0**bits / guesses_s, rel=0.02)

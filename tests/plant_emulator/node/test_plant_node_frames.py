@@ -14,9 +14,8 @@ from steer_by_wire.dbc.messages import (
     decode,
     limits,
 )
-from steer_by_wire.plant_emulator.node.node import PlantNode
 from tests.support.frames.made_messages import latency_of
-from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link, plant_settings
+from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, link
 
 # Frames nobody should have sent
 
@@ -68,12 +67,3 @@ def test_what_is_sent_as_the_end_of_its_range_is_counted() -> None:
     largest_s = limits(PlantStatus)["downlink_latency_s"].maximum
     assert tested.last(PlantStatus).downlink_latency_s == pytest.approx(largest_s)
     assert tested.node.report()["clamped"] == 1
-
-
-def test_samples_are_bounded_and_the_figures_are_not() -> None:
-    tested = Link(plant_settings(start_on_first_command=False))
-    tested.node = PlantNode(tested.settings, START_NS, samples_max=5)
-    tested.tick_until(START_NS + 20 * PERIOD_NS)
-    assert len(tested.node.samples) == 5
-    assert tested.node.report()["samples"] == 21
-    assert tested.node.report()["final_m"] != 0.0

@@ -81,10 +81,6 @@ def test_a_limit_that_acts_all_the_time_costs_one_frame_more() -> None:
     assert len(states) == 12
 
 
-def test_a_plant_in_order_reports_at_its_cycles_only() -> None:
-    assert len(steered(100).messages(PlantStatus)) == 11
-
-
 @pytest.mark.parametrize(
     ("sent", "state", "after_ns"),
     [
@@ -110,10 +106,6 @@ def test_how_soon_a_change_is_reported(
     telling.on_report(sent, 0, 0)
     telling.on_state(state, 1)
     assert telling.deadline_ns == after_ns
-
-
-def test_a_change_that_has_gone_again_is_not_reported() -> None:
-    assert drive([(30, LIMITING), (40, NORMAL)], PERIOD_NS) == [(0, NORMAL)]
 
 
 @given(

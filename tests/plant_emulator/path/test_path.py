@@ -83,20 +83,6 @@ def test_driving_by_the_curvature_of_an_ellipse_closes_the_lap(a: float, b: floa
     assert heading == pytest.approx(2.5 * math.pi, abs=1e-6)
 
 
-def test_laps_repeat_and_the_heading_counts_on() -> None:
-    path = ellipse(60.0, 30.0)
-    for s in (0.0, 10.0, 123.4, 290.0):
-        first, third = pose(path, s), pose(path, s + 2.0 * path.length_m)
-        assert third[:2] == pytest.approx(first[:2], abs=1e-9)
-        assert third.heading_rad == pytest.approx(first.heading_rad + 4.0 * math.pi)
-        assert curvature(path, s + 2.0 * path.length_m) == pytest.approx(curvature(path, s))
-
-
-def test_straight_is_the_x_axis() -> None:
-    assert pose(straight(), 123.0) == (123.0, 0.0, 0.0)
-    assert curvature(straight(), 123.0) == 0.0
-
-
 @given(
     st.floats(-3.5, 3.5).filter(lambda offset: abs(offset) > 0.01),
     st.floats(10.0, 100.0),
@@ -119,16 +105,6 @@ def test_double_lane_change_returns_in_the_proportions_of_iso_3888_1() -> None:
     assert [p.x_m for p in in_side_lane] == pytest.approx([45.0, 70.0])
 
 
-def test_lane_change_bends_without_jumps() -> None:
-    path = double_lane_change(15.0, 3.5, 30.0)
-    ends = zip(path.start_m, path.start_m[1:], strict=False)
-    for piece, (start_m, end_m) in enumerate(ends):
-        rise = path.curvature_slope_1_m2[piece] * (end_m - start_m)
-        assert path.curvature_1_m[piece] + rise == pytest.approx(
-            path.curvature_1_m[piece + 1], abs=1e-12
-        )
-
-
 @given(st.floats(0.001, 0.2), st.floats(0.1, 40.0))
 def test_clothoid_is_the_fresnel_integral(slope: float, length_m: float) -> None:
     x, y, heading = along_clothoid(Pose(0.0, 0.0, 0.0), 0.0, slope, length_m)
@@ -148,11 +124,6 @@ def test_places_cover_the_arc_length_without_gaps(target: tuple[float, int]) -> 
         assert end_m > reached_m
         place, reached_m = next_place(path, place), end_m
     assert place.lap == int(reached_m / path.length_m + 1e-9)
-
-
-def test_last_piece_of_an_open_path_never_ends() -> None:
-    path = single_lane_change(0.0, 3.5, 30.0)
-    assert end_of_place_m(path, Place(0, len(path.start_m) - 1)) == math.inf
 
 
 def test_vehicle_stands_preview_distance_behind_and_beside_its_preview_point() -> None:
@@ -207,13 +178,6 @@ def test_a_road_that_was_surveyed_has_few_pieces_that_join(y_m: list[float]) -> 
     lengths_m = np.diff(path.start_m).tolist()
     ends = [along_clothoid(*piece, m) for piece, m in zip(pieces, lengths_m, strict=False)]
     assert np.abs(np.array(ends) - np.array(path.pose[1:])).max() < 1e-4
-
-
-def test_waypoints_in_a_row_are_a_straight(tmp_path: FilePath) -> None:
-    points = np.array([[x, 2.0 * x] for x in (0.0, 1.0, 4.0, 5.0, 9.0)])
-    path = build_path(WaypointSettings(file=write(tmp_path / "row.csv", points)))
-    assert path.length_m == pytest.approx(math.hypot(9.0, 18.0))
-    assert max(map(abs, path.curvature_1_m)) < 1e-9
 
 
 @pytest.mark.parametrize(

@@ -91,17 +91,6 @@ def test_a_wheel_that_does_not_follow_makes_the_safe_state_due_at_once_and_for_g
     assert guarded.x == before
 
 
-def test_the_time_of_a_wheel_that_does_not_follow_begins_when_it_last_did() -> None:
-    guarded = Guarded()
-    guarded.command(0.0, 0.25)
-    guarded.wheel(50.0, 0.25)
-    guarded.command(100.0, 0.25)
-    guarded.wheel(150.0, 0.0)
-    assert (guarded.mode, guarded.followed_ns) == ("FOLLOWING", 50 * MS_NS)
-    guarded.wheel(150.0 + 1e-6, 0.0)
-    assert guarded.mode == "SAFE_STATE"
-
-
 def test_a_fault_of_its_own_makes_the_safe_state_due_at_once_in_every_mode_and_for_good() -> None:
     for until_ms, mode in ((0.0, "FOLLOWING"), (240.0, "HOLDING"), (741.0, "FALLBACK")):
         guarded = Guarded(recovery_frames=2)
@@ -133,12 +122,6 @@ def test_an_override_is_obeyed_in_every_mode(override_ms: float) -> None:
     assert not guarded.command(override_ms + 1.0, 1.0)
     guarded.until(override_ms + 10.0)
     assert guarded.log[-1] == (override_ms + 10.0, "SAFE_STATE", before - 0.0625)
-
-
-def test_a_timer_before_the_first_command_changes_no_mode() -> None:
-    guarded = Guarded()
-    x, _ = hold_and_fallback.guard_timer(guarded.p, guarded.x, MS_NS)
-    assert MODES[x.mode] == "NO_COMMAND"
 
 
 def test_a_command_is_overruled_unless_it_is_followed_as_it_is() -> None:

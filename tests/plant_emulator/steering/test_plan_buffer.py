@@ -49,15 +49,6 @@ def test_the_newest_plan_takes_over_at_the_sample_after_its_arrival() -> None:
     assert wheel_rad(tested)[4:7] == pytest.approx([0.01, 0.02, 0.03])
 
 
-def test_a_single_command_ends_a_plan() -> None:
-    tested = link()
-    send_plan(tested, START_NS + 20 * MS_NS, first_sample=0, spacing=4, number=0)
-    tested.counter = 1
-    tested.command(START_NS + 61 * MS_NS, -0.02)
-    tested.tick_until(START_NS + 15 * PERIOD_NS)
-    assert wheel_rad(tested)[8:15] == pytest.approx([-0.02] * 7)
-
-
 def test_a_plan_that_has_run_out_is_silence() -> None:
     tested = link(safety={"plan_ms_max": 600.0})
     send_plan(tested, START_NS, first_sample=0, spacing=2, number=0)
@@ -116,15 +107,6 @@ def test_a_damaged_late_or_repeated_plan_changes_nothing() -> None:
     assert applied(tested)[1:] == [5] * 5
     rejected = tested.node.report()["rejected"]
     assert rejected == {"bad_crc": 1, "out_of_order": 1, "repeated": 1}
-
-
-def test_a_plan_that_waits_in_the_network_is_played_from_where_it_is() -> None:
-    tested = link(latency={"downlink": {"mean_s": 0.1}})
-    send_plan(tested, START_NS, first_sample=0, spacing=4, number=0)
-    tested.tick_until(START_NS + 20 * PERIOD_NS)
-    assert wheel_rad(tested)[11:21] == pytest.approx(
-        [0.0025 * sample for sample in range(11, 21)], abs=1e-5
-    )
 
 
 def test_faults_of_plans_begin_after_the_first_of_them() -> None:

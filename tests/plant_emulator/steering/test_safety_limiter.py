@@ -7,7 +7,6 @@ from bisect import bisect_right
 import pytest
 
 from steer_by_wire.plant_emulator.steering import safety_limiter
-from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 
 MS_NS = 1_000_000
@@ -38,17 +37,6 @@ def outputs(
     return found
 
 
-def test_the_causes_have_their_numbers() -> None:
-    assert [(cause.name, cause.value) for cause in safety_limiter.Cause] == [
-        ("NONE", 0),
-        ("ANGLE", 1),
-        ("ANGLE_RATE", 2),
-        ("LATERAL_ACCELERATION", 3),
-        ("LATERAL_JERK", 4),
-        ("NOT_FINITE", 5),
-    ]
-
-
 def test_lateral_acceleration_is_the_angle_by_the_gain() -> None:
     commands = [(0.0, 0.0625), (1.0, 0.0626), (2.0, -0.0625), (3.0, -0.1)]
     assert outputs(params(acceleration=2.0, gain=32.0), commands) == [
@@ -68,14 +56,6 @@ def test_the_tightest_limit_decides_and_is_the_cause() -> None:
     assert outputs(jerky, [(0.0, 3.0), (1.0, -3.0)]) == [(0.03125, 4), (0.0, 4)]
 
 
-def test_of_two_equal_limits_the_first_is_the_cause() -> None:
-    commands = [(0.0, 3.0), (1.0, -3.0)]
-    angles = params(angle=0.0625, acceleration=2.0, gain=32.0)
-    assert outputs(angles, commands) == [(0.0625, 1), (-0.0625, 1)]
-    rates = params(angle_rate=0.0625, jerk=2.0, gain=32.0)
-    assert outputs(rates, commands) == [(0.03125, 2), (0.0, 2)]
-
-
 def test_what_was_is_forgotten_after_the_slot_in_which_half_a_second_has_passed() -> None:
     """Slots end at 250 ms and so on; straight until the first command at 249 or 250 ms."""
     quarter = params(angle_rate=0.5)
@@ -83,17 +63,6 @@ def test_what_was_is_forgotten_after_the_slot_in_which_half_a_second_has_passed(
         reached = [(first_ms, 0.25), (forgotten_ms - 0.001, 1.0), (forgotten_ms, 1.0)]
         # Straight was held into the slot of the first command: it counts as long as that.
         assert outputs(quarter, reached) == [(0.25, 0), (0.25, 2), (0.5, 2)]
-
-
-@pytest.mark.parametrize("gap_slots", [1, 2, 3, 4, 5])
-def test_what_was_held_meanwhile_counts(gap_slots: int) -> None:
-    """At 0.2 and down to 0.1 within the first slot; then nothing comes for some slots."""
-    quarter = params(angle_rate=0.5)
-    commands = [(0.0, 0.2), (1.0, 0.1), (250.0 * gap_slots, -1.0)]
-    expected = {1: -0.05, 2: -0.05}.get(gap_slots, -0.15)
-    assert outputs(quarter, commands)[-1] == pytest.approx((expected, 2))
-    commands = [(0.0, -0.2), (1.0, -0.1), (250.0 * gap_slots, 1.0)]
-    assert outputs(quarter, commands)[-1] == pytest.approx((-expected, 2))
 
 
 def test_no_two_outputs_within_half_a_second_are_further_apart_than_the_limit() -> None:
@@ -172,14 +141,6 @@ def test_the_gain_is_that_of_the_single_track_model_in_a_steady_turn() -> None:
             p = VehicleParams(speed_m_s, mass_kg, 3728.0, front, rear, 1.3008, 1.5453, 1.9)
             if gain_by_the_matrices(p) > 0.0:
                 assert gain(p) == pytest.approx(gain_by_the_matrices(p), rel=1e-9)
-
-
-def test_the_gain_of_the_default_vehicle_is_what_the_documentation_says() -> None:
-    vehicle = VehicleSettings()
-    for speed_km_h, expected in ((5.0, 0.676), (7.0, 1.322), (60.0, 70.8)):
-        values = {**vehicle.model_dump(), "speed_m_s": speed_km_h / 3.6}
-        p = VehicleParams(**{name: values[name] for name in VehicleParams._fields})
-        assert gain(p) == pytest.approx(expected, abs=0.001 * max(expected, 1.0))
 
 
 def test_without_a_steady_state_the_gain_is_the_neutral_vehicles() -> None:

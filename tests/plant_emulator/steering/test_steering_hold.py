@@ -149,19 +149,3 @@ def test_the_fade_goes_on_through_the_values_of_a_plan_and_the_command_after_the
         )
         assert guarded.command(350.0, side * 0.125)
         assert side * guarded.target == pytest.approx(0.375 - 5 * STEP_RAD)
-
-
-def test_what_faded_while_a_plan_was_played_does_not_fade_again_after_the_silence() -> None:
-    """The command after it moves the target by what fades from the last value of the plan on."""
-    for last_ms, target_rad in ((400.0, 0.25 - 0.05 - 0.07), (600.0, 0.25 - 0.15 - 0.05)):
-        guarded = Guarded()
-        steady(guarded, 0.25)
-        assert guarded.command(300.0, 0.0)
-        time_ms = 310.0
-        while time_ms <= last_ms:
-            assert guarded.plan_value(time_ms, 0.0)
-            time_ms += 10.0
-        assert guarded.command(700.0, -0.5)
-        assert guarded.mode == "HOLDING"
-        assert guarded.target == pytest.approx(target_rad)
-        assert guarded.x.fade_rad == pytest.approx(target_rad + 0.5)

@@ -119,16 +119,6 @@ def test_ramp_ends_where_the_lag_takes_over() -> None:
     assert not is_limited(settling)
 
 
-def test_ramp_without_lag_stops_exactly_on_its_goal() -> None:
-    motion = moving(ActuatorSettings(rate_limit_rad_s=0.3))
-    motion.command(-0.1)
-    motion.advance(333_333_333)
-    assert motion.is_limited
-    motion.advance(333_333_334)
-    assert motion.linear[DELTA] == -0.1
-    assert not motion.is_limited
-
-
 def test_play_holds_the_wheel_until_the_command_has_crossed_it() -> None:
     p = ActuatorParams(dead_band_rad=0.02)
     assert command_wheel(p, 0.0, 0.1, 0)[0] == pytest.approx(0.08)

@@ -49,13 +49,6 @@ def test_a_step_changes_what_it_gives_and_keeps_the_rest() -> None:
     assert [i.friction for i in intervals] == [1.0, 1.0, 1.0, 0.4]
 
 
-def test_a_step_at_the_start_replaces_the_quiet_beginning() -> None:
-    settings = DisturbanceSettings(steps=(DisturbanceStep(at_s=0.0, side_force_n=100.0),))
-    (only,) = disturbance_intervals(settings, PARAMS)
-    assert only.start_ns == 0
-    assert only.side_slip_disturbance_rad_s > 0.0
-
-
 def test_side_force_and_yaw_moment_lead_to_their_steady_state() -> None:
     motion = moving(
         DisturbanceStep(at_s=0.5, side_force_n=2000.0, yaw_moment_n_m=-300.0), side_force_arm_m=-0.4

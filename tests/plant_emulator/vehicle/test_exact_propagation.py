@@ -41,11 +41,6 @@ def test_a_step_is_the_matrix_exponential(
     assert propagate(TABLE, first_row, z, dt_ns) == pytest.approx(expected, abs=1e-12)
 
 
-@given(states)
-def test_no_time_changes_no_bit(z: LinearState) -> None:
-    assert propagate(TABLE, 0, z, 0) == z
-
-
 def test_a_nanosecond_is_not_rounded_away() -> None:
     z = (0.1, 0.2, 0.3, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
     rate = (M @ np.array(z))[3]

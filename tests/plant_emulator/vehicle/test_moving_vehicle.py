@@ -1,5 +1,4 @@
 import math
-import random
 
 import numpy as np
 import pytest
@@ -77,14 +76,6 @@ def test_motion_starts_next_to_the_path_where_the_settings_say() -> None:
     # The preview point is 0.7 m to the left; the centre of gravity 2 m behind it.
     at = -2.0 * math.cos(0.3), 0.7 + 2.0 * math.sin(0.3), -0.3
     assert motion.pose == pytest.approx(at)
-
-
-def test_time_does_not_run_backwards() -> None:
-    motion = Motion(quiet(StraightSettings()))
-    motion.advance(10)
-    motion.advance(10)
-    with pytest.raises(ValueError, match="cannot move from 10 ns back to 9 ns"):
-        motion.advance(9)
 
 
 def test_curvature_and_arc_length_follow_the_path_over_laps() -> None:
@@ -169,14 +160,3 @@ def test_only_the_tables_that_can_occur_are_built() -> None:
     assert tables(ActuatorSettings(rate_limit_rad_s=1.0)) == 1
     assert tables(ActuatorSettings(lag_s=0.1)) == 1
     assert tables(ActuatorSettings(lag_s=0.1, rate_limit_rad_s=1.0)) == 2
-
-
-def test_same_commands_give_the_same_bits() -> None:
-    def drive() -> list[float]:
-        motion, rng = Motion(BUSY), random.Random(3)
-        for tick in range(200):
-            motion.advance(tick * 10_000_000 + rng.randrange(10_000_000))
-            motion.command(rng.uniform(-0.1, 0.1))
-        return [*motion.linear, *motion.pose]
-
-    assert drive() == drive()

@@ -18,7 +18,6 @@ from steer_by_wire.runtime.frame import (
 )
 from steer_by_wire.runtime.frame.length_with_stuff_bits import (
     INTERMISSION_BITS,
-    FrameBits,
     crc15,
     frame_bits,
 )
@@ -89,27 +88,6 @@ def test_classic_lengths_are_those_of_stuffing_bit_by_bit(
     crc = crc15(int(bits, 2).to_bytes(-(-len(bits) // 8), "big"))
     length = len(stuff(f"{bits}{crc:015b}")) + 1 + 2 + 7
     assert frame_bits(Frame(can_id, data, flags)) == (length, 0)
-
-
-@given(identifiers, payloads(list(range(9))))
-def test_classic_lengths_keep_the_published_bounds(
-    identifier: tuple[int, int], data: bytes
-) -> None:
-    # Davis et al., "CAN schedulability analysis: refuted, revisited and revised", Real-Time Systems
-    # 35 (2007): 47 + 8n unstuffed and 55 + 10n at worst with 11 bits, 67 + 8n and 80 + 10n with 29.
-    flags, can_id = identifier
-    unstuffed, worst = (67, 80) if flags else (47, 55)
-    bits = frame_bits(Frame(can_id, data, flags)).nominal + INTERMISSION_BITS
-    assert unstuffed + 8 * len(data) <= bits <= worst + 10 * len(data)
-
-
-def test_a_frame_without_a_run_of_five_gets_no_stuff_bit() -> None:
-    assert frame_bits(Frame(0x7BA, b"\x55" * 8)).nominal + INTERMISSION_BITS == 111
-
-
-def test_a_frame_of_zeros_gets_a_stuff_bit_after_every_five() -> None:
-    # 15 zeros before the one of the DLC (8), 67 after it, and a CRC without a run of five.
-    assert frame_bits(Frame(0, bytes(8))) == FrameBits(108 + 15 // 5 + 67 // 5, 0)
 
 
 @pytest.mark.parametrize("length", range(9))

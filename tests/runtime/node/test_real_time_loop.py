@@ -233,18 +233,6 @@ def test_a_request_to_stop_is_heard_while_a_deadline_is_far_away() -> None:
     assert node.tick_times_ns == [0]
 
 
-def test_a_node_without_a_deadline_is_driven_by_frames_alone() -> None:
-    class Listener(Recorder):
-        @property
-        def deadline_ns(self) -> int:
-            return NEVER_NS
-
-    node, machine = Listener(), Machine([(70 * MS, frame(1))])
-    figures = run(node, machine, should_stop=lambda: machine.now_ns >= 200 * MS)
-    assert node.calls == [("frame", 70 * MS)]
-    assert figures.lateness.samples == 0
-
-
 def test_a_bus_that_fails_ends_the_run_and_leaves_its_figures() -> None:
     machine = Machine()
 

@@ -121,13 +121,6 @@ def test_nodes_due_at_one_instant_tick_in_their_sequence() -> None:
     assert [name for name, _, _ in events] == ["c", "a", "b"]
 
 
-def test_a_frame_goes_to_every_node_but_its_sender_in_their_sequence() -> None:
-    events: list[Event] = []
-    nodes = [periodic("a", events), periodic("b", events, 0x1), periodic("c", events)]
-    VirtualTimeExecutor(nodes).run(1)
-    assert [event[:2] for event in events if event[1] != "tick"] == [("a", "got 1"), ("c", "got 1")]
-
-
 def test_answers_are_delivered_before_any_further_tick() -> None:
     events: list[Event] = []
     asking = periodic("asking", events, 0x1)
@@ -194,14 +187,6 @@ def test_on_a_bus_frames_of_one_instant_compete_and_arrive_one_after_the_other()
     assert 216_000 <= times_ns[0] <= 264_000
     for earlier_ns, later_ns in pairwise(times_ns):
         assert 222_000 <= later_ns - earlier_ns <= 270_000
-
-
-def test_a_node_gets_a_frame_at_its_end_of_frame() -> None:
-    events: list[Event] = []
-    wire, on_wire = recorder()
-    nodes = [periodic("a", events, 0x1), ScriptedNode("b", events)]
-    VirtualTimeExecutor(nodes, BusModel(500_000), on_wire).run(10 * MS)
-    assert events[1:] == [("b", "got 1", wire[0][0])]
 
 
 def test_a_bus_that_cannot_carry_what_the_nodes_send_ends_the_run_with_its_error() -> None:

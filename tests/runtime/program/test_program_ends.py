@@ -113,20 +113,6 @@ def test_a_bus_that_fails_ends_the_run_with_one_line_and_its_report(
     assert json.loads(file.read_text())["ended_by"] == "cannot send: bus-off"
 
 
-def test_a_bus_that_fails_again_when_it_is_shut_down_is_reported_once(
-    options: Options, capsys: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shut_down = VirtualBus.shutdown
-
-    def fail(bus: VirtualBus) -> None:
-        shut_down(bus)
-        raise can.CanOperationError("the adapter is gone")
-
-    monkeypatch.setattr(VirtualBus, "shutdown", fail)
-    assert run(options(), Probe()) == ExitStatus.OK
-    assert capsys.readouterr().err == ""
-
-
 class Faulty(Probe):
     """A node that finds a fault in itself."""
 
@@ -146,15 +132,6 @@ def test_a_node_that_has_found_a_fault_in_itself_ends_with_its_report_and_a_stat
     written = json.loads(report.read_text())
     assert written["ended_by"] == fault
     assert written["node"]["failure"] in fault
-
-
-def test_a_fault_is_reported_also_where_a_signal_comes_before_the_safe_state_is_reached(
-    options: Options, tmp_path: Path
-) -> None:
-    report = tmp_path / "report.json"
-    node = Faulty(ticks=1000, on_tick_do=interrupt)
-    assert run(options("--json", str(report)), node) == ExitStatus.SAFE_STATE
-    assert json.loads(report.read_text())["ended_by"] == "SIGINT"
 
 
 def test_what_broke_a_run_decides_its_status_before_what_the_run_was_like() -> None:

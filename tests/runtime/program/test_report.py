@@ -32,29 +32,6 @@ def test_what_cannot_be_written_leaves_the_old_file_and_nothing_else(tmp_path: P
     assert os.listdir(tmp_path) == ["report.json"]
 
 
-def test_a_full_disk_leaves_the_old_file_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fill(path: Path, content: bytes) -> None:
-        with path.open("wb") as file:
-            file.write(content[:5])
-        raise OSError(28, "No space left on device", str(path))
-
-    file = tmp_path / "report.json"
-    write_json(file, {"run": 1})
-    monkeypatch.setattr(Path, "write_bytes", fill)
-    with pytest.raises(OSError, match="No space left"):
-        write_json(file, {"run": 2})
-    assert json.loads(file.read_text()) == {"run": 1}
-    assert os.listdir(tmp_path) == ["report.json"]
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_a_full_device_is_named() -> None:
-    with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
-        write_json(Path("/dev/full"), {"run": 1})
-
-
 def test_a_link_still_links_after_a_report_is_written_to_it(tmp_path: Path) -> None:
     target, link = tmp_path / "target.json", tmp_path / "link.json"
     target.write_text("{}")

@@ -82,11 +82,6 @@ def test_on_a_terminal_the_status_line_is_rewritten_once_a_second_below_the_line
     ]
 
 
-def test_a_dumb_terminal_has_no_status_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TERM", "dumb")
-    assert not Screen("some-program", Terminal()).has_status
-
-
 def test_a_pipe_that_nobody_reads_blocks_neither_the_lines_nor_the_end() -> None:
     with pipe_that_nobody_reads() as (reading, stream):
         screen = Screen("some-program", stream)

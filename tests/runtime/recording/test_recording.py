@@ -19,7 +19,7 @@ from steer_by_wire.runtime.recording.recorder import (
     RecordingFigures,
     RecordingPort,
 )
-from tests.support.frames.recorded_frames import FRAMES, entries_in, messages_in
+from tests.support.frames.recorded_frames import FRAMES, messages_in
 
 NEEDS_ASAMMDF = pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not installed")
 FORMATS = [
@@ -61,16 +61,6 @@ def test_every_format_holds_the_frames_their_directions_and_distances(
             assert message.is_rx is bool(index % 2)
 
 
-def test_a_log_is_one_that_candump_could_have_written(tmp_path: Path) -> None:
-    path = tmp_path / "run.log"
-    before_ns = time.time_ns()
-    record(path, FRAMES[:5])
-    entries = entries_in(path)
-    assert [entry.frame for entry in entries] == list(FRAMES[:5])
-    assert {entry.channel for entry in entries} == {"vcan0"}
-    assert before_ns - 1000 <= entries[0].time_ns <= time.time_ns()
-
-
 def test_frames_that_waited_are_put_where_they_belong(tmp_path: Path) -> None:
     path = tmp_path / "run.asc"
     recording = Recording(path, "vcan0")
@@ -83,13 +73,6 @@ def test_frames_that_waited_are_put_where_they_belong(tmp_path: Path) -> None:
     times = [message.timestamp for message in messages]
     assert times == sorted(times)
     assert times[5] - times[0] == pytest.approx(5e-3, abs=2e-6)
-
-
-def test_a_recording_replaces_the_file_that_is_there(tmp_path: Path) -> None:
-    path = tmp_path / "run.log"
-    record(path, FRAMES[:3])
-    record(path, FRAMES[:2])
-    assert len(messages_in(path)) == 2
 
 
 # What the port does

@@ -5,23 +5,20 @@ import os
 import signal
 import subprocess
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.plant_emulator.command_line import program as plant_program
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.recording import recorder
 from steer_by_wire.runtime.recording.recorder import SUFFIXES, recording_obstacle
 from steer_by_wire.with_vcan.guard import descendants
 from tests.support.frames.recorded_frames import messages_in
-from tests.support.programs.running_program import ORDINARY, PATIENCE_S, running, wait_until
+from tests.support.programs.running_program import ORDINARY, PATIENCE_S, wait_until
 
 Capture = pytest.CaptureFixture[str]
 
@@ -75,13 +72,6 @@ def test_a_report_says_what_was_recorded(
     assert f"{sent} frames recorded in {path}" in capsys.readouterr().out
 
 
-def test_without_the_option_nothing_is_recorded(
-    run_plant: Callable[..., tuple[int, dict[str, Any]]],
-) -> None:
-    status, report = run_plant()
-    assert (status, report["recording"]) == (ExitStatus.OK, None)
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 def test_a_recording_that_fails_leaves_the_report_and_status_4(
     run_plant: Callable[..., tuple[int, dict[str, Any]]], tmp_path: Path, capsys: Capture
@@ -133,41 +123,3 @@ def is_recording(pid: int) -> bool:
 
 
 # Two programs
-
-
-@pytest.fixture
-def broker() -> Iterator[str]:
-    with launched_broker() as address:
-        yield address
-
-
-def test_both_programs_record_the_same_frames_and_keep_them_on_ctrl_c(
-    broker: str, tmp_path: Path
-) -> None:
-    bus = ["-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={broker}"]
-    logs = {"plant_emulator": tmp_path / "plant.asc", "controller": tmp_path / "controller.log"}
-    log = logs["controller"]
-    sent, received = {}, {}
-    with ExitStack() as stack:
-        programs = {
-            name: stack.enter_context(
-                running(name, [*bus, "--record", str(path)], tmp_path / f"{name}.json")
-            )
-            for name, path in logs.items()
-        }
-        # Text is handed to the operating system as it comes, so it can be looked at meanwhile.
-        wait_until(lambda: log.read_text().count(" T\n") > 60, f"commands in {log}")
-        taken = logs["plant_emulator"]
-        wait_until(lambda: taken.read_text().count(" Rx ") > 50, f"commands in {taken}")
-        for name, program in programs.items():
-            assert program.interrupt() == ExitStatus.OK
-            report = program.report()
-            messages = messages_in(logs[name])
-            sent[name] = [frame_of(message) for message in messages if not message.is_rx]
-            received[name] = [frame_of(message) for message in messages if message.is_rx]
-            assert len(messages) == report["recording"]["frames"]
-            assert len(sent[name]) == report["loop"]["frames_sent"]
-            assert len(received[name]) == report["loop"]["frames_received"]
-    assert not Counter(received["controller"]) - Counter(sent["plant_emulator"])
-    assert not Counter(received["plant_emulator"]) - Counter(sent["controller"])
-    assert len(received["plant_emulator"]) > 50
