@@ -3,17 +3,12 @@
 Values from which no filter can be built are refused here, naming the key.
 """
 
-import json
-from collections.abc import Mapping
 from math import pi
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 from pydantic import (
     BeforeValidator,
     Field,
-    PlainValidator,
-    SerializeAsAny,
-    ValidationInfo,
     WithJsonSchema,
     create_model,
     model_validator,
@@ -21,7 +16,7 @@ from pydantic import (
 from pydantic_core import PydanticKnownError
 
 from ...runtime.settings import Settings
-from ...runtime.settings.mistakes import Schema, schema_of
+from ...runtime.settings.plugin import PLUGIN_TABLE, TABLE_SCHEMA, PluginTable, plugin_table
 from ..filters.settings import (
     CdobSettings,
     DobSettings,
@@ -36,7 +31,7 @@ from ..limits.designed_ranges import ValiditySettings
 from ..prediction.gains_over_speed import EstimatorSettings
 from . import LAWS
 from .feed_forward import FeedForwardSettings
-from .plugin_law import NoLawError, find_plugin_law, place_of
+from .plugin_law import find_plugin_law, place_of
 from .set_point import FollowedPoint
 
 _Table = TypeVar("_Table", bound=Settings)
@@ -52,24 +47,6 @@ def _known_law(name: Any) -> Any:
         raise PydanticKnownError("enum", {"expected": ", ".join(LAWS)})
     find_law(name)
     return name
-
-
-def _plugin_table(value: Any, info: ValidationInfo) -> Settings | None:
-    """Return [own_law] validated by the law's own model."""
-    name = info.data.get("law")
-    kind = None if name is None or name in LAWS else find_law(name).settings
-    if kind is None:
-        if value and name is not None:
-            raise ValueError(f"law = {name!r} has no table [own_law]")
-        return None
-    if value is None:
-        needs_values = any(field.is_required() for field in kind.model_fields.values())
-        return None if needs_values else kind()
-    if isinstance(value, kind):
-        return value
-    if info.mode == "json":
-        return kind.model_validate_json(json.dumps(value), strict=True)
-    return kind.model_validate(value)
 
 
 LawName = Annotated[
@@ -108,10 +85,8 @@ class LawSettings(_TablesOfLaws):
     """Settings of a law; tables that it does not use may be omitted."""
 
     own_law: Annotated[
-        SerializeAsAny[Settings] | None,
-        PlainValidator(_plugin_table),
-        WithJsonSchema({"type": "object"}),
-    ] = Field(default=None, validate_default=True)
+        PluginTable, plugin_table(find_law, "law", lambda name: name not in LAWS), TABLE_SCHEMA
+    ] = PLUGIN_TABLE
     """Table of a law from another package; the law's record contains its model."""
     feed_forward: FeedForwardSettings | None = None
     followed_point: FollowedPoint = "preview"
@@ -153,23 +128,6 @@ class LawSettings(_TablesOfLaws):
             if isinstance(table := getattr(self, name, None), kind):
                 return table
         raise ValueError(f"law = {self.law!r} has no table of {kind.__name__}")
-
-    @classmethod
-    def json_schema_for(cls, data: Mapping[str, Any]) -> Schema:
-        """Return the JSON schema, including that of a plug-in law named in the data."""
-        schema = schema_of(cls)
-        try:
-            kind = find_law(str(data.get("law"))).settings
-        except NoLawError:
-            return schema
-        if kind is None:
-            return schema
-        own = schema_of(kind)
-        return {
-            **schema,
-            "$defs": {**schema["$defs"], **own.get("$defs", {})},
-            "properties": {**schema["properties"], "own_law": own},
-        }
 
     @model_validator(mode="after")
     def _refuse_missing_tables(self) -> Self:

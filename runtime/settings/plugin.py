@@ -112,19 +112,24 @@ def plugin_place(find: Callable[[str], Part]) -> AfterValidator:
     return AfterValidator(validate)
 
 
-def plugin_table(find: Callable[[str], Part]) -> PlainValidator:
-    """Return the validator of a part's own table, which follows the key ``model`` that names it.
+def plugin_table(
+    find: Callable[[str], Part],
+    key: str = "model",
+    is_own: Callable[[str], bool] = lambda place: ":" in place,
+) -> PlainValidator:
+    """Return the validator of a part's own table, which follows the key that names the part.
 
-    ``find``  returns the part at a place
+    ``find``    returns the part at a place
+    ``is_own``  whether a name is that of a part from another package
     """
 
     def validate(value: Any, info: ValidationInfo) -> Settings | None:
-        place = info.data.get("model")
-        is_named = isinstance(place, str) and ":" in place
+        place = info.data.get(key)
+        is_named = isinstance(place, str) and is_own(place)
         kind = find(str(place)).settings if is_named else None
         if kind is None:
-            if value and "model" in info.data:
-                raise ValueError(f"model = {place} has no table of its own")
+            if value and key in info.data:
+                raise ValueError(f"{key} = {place} has no table of its own")
             return None
         if isinstance(value, kind):
             return value
@@ -133,7 +138,7 @@ def plugin_table(find: Callable[[str], Part]) -> PlainValidator:
         except ValidationError as error:
             mistakes = explain(error, schema_of(kind), value, {(): ""})
             # For an omitted table the message does not name it.
-            prefix = "" if value else "own."
+            prefix = "" if value else f"{info.field_name}."
             lines = [f"{prefix}{line.removeprefix(': ')}" for line in mistakes]
             raise ValueError("; ".join(lines)) from error
 

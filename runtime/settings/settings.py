@@ -28,7 +28,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Tag, ValidationError
 
 from ..exit_status import UserError, printable
 from ..input_file import InputError, bounded, read_bytes
-from .mistakes import KeyPath, Schema, dotted, explain, hint, schema_of
+from .mistakes import KeyPath, dotted, explain, hint, schema_of
 
 OffWord = Annotated[Literal["off"], Tag("word")]
 """Stands for no limit, in place of a number with ``Tag("number")``: TOML has no null."""
@@ -59,11 +59,6 @@ class Settings(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    @classmethod
-    def json_schema_for(cls, data: Mapping[str, Any]) -> Schema:  # noqa: ARG003
-        """Return the JSON schema that explains mistakes in ``data``."""
-        return schema_of(cls)
 
 
 class SettingsError(UserError, ValueError):
@@ -197,7 +192,7 @@ def _checked(
             json.dumps(merged, default=str), strict=True, context=context
         )
     except ValidationError as error:
-        mistakes = explain(error, model.json_schema_for(merged), merged, sources)
+        mistakes = explain(error, schema_of(model), merged, sources)
     raise SettingsError(*mistakes)
 
 

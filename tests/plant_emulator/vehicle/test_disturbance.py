@@ -5,7 +5,7 @@ from scipy.integrate import solve_ivp
 
 from steer_by_wire.plant_emulator.path.settings import CircleSettings, StraightSettings
 from steer_by_wire.plant_emulator.vehicle.disturbance import disturbance_intervals
-from steer_by_wire.plant_emulator.vehicle.exact_propagation import BETA, TABLE_ROWS, R, Y
+from steer_by_wire.plant_emulator.vehicle.exact_propagation import BETA, DELTA, TABLE_ROWS, R, Y
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.plant_emulator.vehicle.settings import (
@@ -69,9 +69,9 @@ def test_steering_offset_acts_like_steer_that_the_wheel_sensor_does_not_see() ->
     steered.advance(250_000_000)
     steered.command(0.01)
     steered.advance(2_000_000_000)
-    assert offset.lateral_error_m == pytest.approx(steered.lateral_error_m, rel=1e-12)
-    assert offset.yaw_rate_rad_s == pytest.approx(steered.yaw_rate_rad_s, rel=1e-12)
-    assert offset.wheel_rad == 0.0
+    assert offset.linear[Y] == pytest.approx(steered.linear[Y], rel=1e-12)
+    assert offset.linear[R] == pytest.approx(steered.linear[R], rel=1e-12)
+    assert offset.linear[DELTA] == 0.0
 
 
 def test_friction_step_changes_the_vehicle_on_its_way() -> None:

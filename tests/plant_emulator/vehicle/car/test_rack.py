@@ -190,7 +190,7 @@ def test_a_command_acts_after_the_dead_time(preset: str) -> None:
         at_once.command(0.01 * math.sin(tick))
     late.advance(at_once.time_ns)
     assert late.linear == pytest.approx(at_once.linear, rel=1e-9, abs=1e-15)
-    assert late.wheel_rad != 0.0
+    assert late.linear[DELTA] != 0.0
 
 
 @pytest.mark.parametrize(
