@@ -23,7 +23,7 @@ from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
 from ...plant_emulator.vehicle.car.car_design import car_motion_params
-from ...plant_emulator.vehicle.car.car_motion import CarInterval, GripPatch
+from ...plant_emulator.vehicle.car.car_motion import CarInterval, CarMotionParams, GripPatch
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.car.speed_control import SpeedLeg
 from ...plant_emulator.vehicle.car.steering_health import Failure
@@ -36,23 +36,20 @@ from ...plant_emulator.vehicle.settings import (
     VehicleSettings,
 )
 from ...runtime.array_types import FloatArray, IntArray
-from ...runtime.node import NEVER_NS, NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.settings import SettingsError
 from ...runtime.settings.plugin import Part
 from .along_path import cg_deviations_m
 from .law_code import CompiledLaw, LawCode, compiled_law
-from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, Inbox, Uplink, quantised
+from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, Inbox, quantised
 from .loop import COMPLETE, LAW_FAILED, OVERRULED, SPEED_CHANGED, run_segment
 from .loop_records import Constants, Instants, Records, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
 from .schedule import (
     RunSchedule,
-    arrivals_of,
     inbox_of,
     quantised_speed_m_s,
     schedule_run,
-    status_in_use,
-    vehicle_in_use,
 )
 
 _guard = lru_cache(maxsize=256)(design_guard)
@@ -227,7 +224,7 @@ def run_compiled(
         return _run_whole(*needed, tick_status=_NONE)
     except _OverruledError:
         # Few runs need it, and it costs a third of one.
-        return _run_whole(*needed, tick_status=status_in_use(plant, controller, schedule))
+        return _run_whole(*needed, tick_status=schedule.measurements.status_in_use)
 
 
 def _run_whole(
@@ -241,9 +238,9 @@ def _run_whole(
     """Run from the start to the end. Raises _OverruledError."""
     design, motion = law.design, compiled_motion(plant)
     inbox = inbox_of(plant, controller, schedule, motion) if design.reads_history else None
-    records = empty_records(len(schedule.sample_ns), len(schedule.tick_ns))
+    records = empty_records(len(schedule.sample_ns), len(schedule.tick_ns), motion.speed_m_s)
     is_needed = plant.car is not None or design.looks_back
-    states = vehicle_in_use(plant, controller, schedule) if is_needed else (_NONE, _NONE)
+    states = schedule.measurements.vehicle_in_use if is_needed else (_NONE, _NONE)
     instants = Instants(*schedule[:6], tick_status, *states)
     reads_speed = design.params_at is not None
     constants = _constants(plant, controller, schedule, reads_speed=reads_speed)
@@ -343,7 +340,7 @@ def _constants(
         ramp_step_rad=controller.supervision.ramp_rad_s * controller.period_ns / NS_PER_S,
         motion_start_ns=schedule.motion_start_ns,
         share=share,
-        share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, schedule),
+        share_from_ns=0 if share == 1.0 else schedule.measurements.speed_known_ns,
         speed_m_s=0.0,
         alike_to_m_s=alike_to_m_s,
         stop_m_s2=plant.safety.stop_m_s2 or 0.0,
@@ -354,15 +351,6 @@ def _at_speed(c: Constants, controller: ControllerSettings, speed_m_s: float) ->
     """Return the constants once the controller knows a speed."""
     share = share_of_demand(controller.demand_ranges, speed_m_s)
     return c._replace(share=share, share_from_ns=0, speed_m_s=speed_m_s)
-
-
-def _speed_known_ns(
-    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
-) -> int:
-    rule = controller.counters
-    samples, start_ns = len(schedule.sample_ns), schedule.motion_start_ns
-    arrivals = arrivals_of(Uplink.VEHICLE_STATE, plant, rule, samples, start_ns).arrival_ns
-    return int(arrivals.min(initial=NEVER_NS))
 
 
 def _collected(
@@ -378,6 +366,9 @@ def _collected(
     if outcome is Outcome.LEFT_RANGE and not math.isfinite(r.lateral_error_m[samples - 1]):
         samples -= 1  # a car that has left its path
     window = slice(first, samples)
+    arc_length_m = r.arc_length_m[window]
+    if not isinstance(motion, CarMotionParams):
+        arc_length_m = motion.speed_m_s * schedule.motion_s[window]
     return CompiledRun(
         outcome=outcome,
         time_s=schedule.time_s[: samples - first],
@@ -386,7 +377,7 @@ def _collected(
         yaw_rate_rad_s=r.yaw_rate_rad_s[window],
         wheel_angle_rad=r.wheel_angle_rad[window],
         curvature_1_m=r.curvature_1_m[window],
-        arc_length_m=r.arc_length_m[window],
+        arc_length_m=arc_length_m,
         speed_m_s=r.speed_m_s[window],
         command=r.command[window],
         tick_s=schedule.tick_s[:ticks],

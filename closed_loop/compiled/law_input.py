@@ -54,7 +54,7 @@ from ...runtime.array_types import FloatArray, IntArray
 from .along_path import write_ahead_1_m
 from .inlined_functions import INLINE
 from .memory import write
-from .step_functions import register
+from .step_functions import place_of, register
 
 
 class Uplink(IntEnum):
@@ -221,7 +221,7 @@ def _record(inbox: Inbox, sample: int, z: LinearState, guard: GuardState) -> Non
     inbox.status[sample] = status_of(guard, False)
 
 
-def _record_place(inbox: Inbox, p: Any, sample: int, arc_length_m: float, speed: float) -> None:
+def _record_ahead(inbox: Inbox, p: Any, sample: int, arc_length_m: float, speed: float) -> None:
     inbox.measured_speed_m_s[sample] = speed_on_wire_m_s(speed)
     if len(inbox.path_ahead_1_m) > 0 and sample % inbox.samples_per_path == 0:
         row = inbox.path_ahead_1_m[sample // inbox.samples_per_path]
@@ -343,12 +343,23 @@ note_now = _choosing(_note_now, _note_vehicle)
 """(inbox, now, known, schedule, records, tick, now_ns): writes what is known at a tick."""
 
 
+_record_ahead_if_read = _choosing(_record_ahead)
+
+
 def record_place(*_: Any) -> Any:
-    """Record the place and the speed of a car, for compiled code; takes ``_record_place``'s."""
+    """Record the place and the speed of a car, for compiled code; takes ``_record_place``'s.
+
+    Those of a linear vehicle are known beforehand.
+    """
     raise NotImplementedError("for compiled code")
 
 
+def _record_place(params: Any, inbox: Any, r: Any, sample: int, x: Any) -> None:
+    arc_length_m, speed_m_s = place_of(params, x)
+    r.arc_length_m[sample], r.speed_m_s[sample] = arc_length_m, speed_m_s
+    _record_ahead_if_read(inbox, params, sample, arc_length_m, speed_m_s)
+
+
 @overload(record_place, strict=False, jit_options=INLINE)
-def _record_place_of_car(inbox: Any, params: Any, *_: Any) -> Callable[..., Any]:
-    is_needed = not isinstance(inbox, types.NoneType) and params.instance_class is CarMotionParams
-    return _record_place if is_needed else lambda inbox, params, sample, arc_m, speed_m_s: None  # noqa: ARG005
+def _record_place_of_car(params: Any, *_: Any) -> Callable[..., Any]:
+    return _record_place if params.instance_class is CarMotionParams else _nothing

@@ -58,7 +58,7 @@ from .law_input import (
 )
 from .loop_records import WAITING, Constants, Instants, Kept, Progress, Records, Segment
 from .memory import at, called, placed, read, write
-from .step_functions import advance_motion, brake_motion, command_motion, place_of, start_motion
+from .step_functions import advance_motion, brake_motion, command_motion, start_motion
 
 COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED, SPEED_CHANGED = range(5)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
@@ -84,22 +84,29 @@ def _plant_until(
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
     z, guard, followed_ns, sample, command, in_effect, plan, is_new, played, given, acting = x
     while True:
-        command_ns = sample_ns = to_ns + 1
+        command_ns = sample_ns = waiting_ns = to_ns + 1
         # An unsigned index needs no test for negative values, which would cost a twentieth.
         of, at = np.uintp(command), np.uintp(sample)
         if command < len(s.command_due_ns) and s.command_tick[of] < ticks_done:
             command_ns = s.command_due_ns[of]
         if sample < len(s.sample_ns):
             sample_ns = s.sample_ns[at]
+        if acting < given:
+            waiting_ns = c.motion_start_ns + r.waiting_ns[np.uintp(acting & _NEWEST)]
         guard_ns = c.motion_start_ns + guard.deadline_ns
-        if command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns:
+        next_ns = min(command_ns, sample_ns, guard_ns)
+        if next_ns > to_ns and waiting_ns > to_ns:
             buffered = plan, is_new, played, given, acting
             return Progress(z, guard, followed_ns, sample, command, in_effect, *buffered), COMPLETE
         arrives = command_ns <= sample_ns and command_ns <= guard_ns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
-        has_moved, is_sample, steers = True, False, False
+        has_moved, is_sample, steers, acts, steer_rad = True, False, False, False, 0.0
         # The test for an inbox is decided when compiling, which removes the branch without one.
-        if arrives or (inbox is not None and plays):
+        if waiting_ns <= next_ns:
+            turn = np.uintp(acting & _NEWEST)
+            motion_ns, steer_rad, acts = r.waiting_ns[turn], r.waiting_rad[turn], True
+            acting += 1
+        elif arrives or (inbox is not None and plays):
             if arrives:
                 at_ns, by, has_come = command_ns, command, True
                 command += 1
@@ -134,25 +141,19 @@ def _plant_until(
         else:
             motion_ns = max(sample_ns - c.motion_start_ns, 0)
             is_sample = True
+        # One call of each for all of them: they are compiled inline wherever they stand.
+        if has_moved:
+            z = advance_motion(p, z, motion_ns)
         if steers:
-            turn = np.uintp(given & _NEWEST)
-            r.waiting_ns[turn] = motion_ns + p.dead_time_ns
-            r.waiting_rad[turn] = guard.limiter.steer_rad
-            given += 1
-        # One call for all of them: it is compiled inline wherever it stands.
-        while has_moved:
-            turn, is_due, until_ns = np.uintp(acting & _NEWEST), False, motion_ns
-            if acting < given and r.waiting_ns[turn] <= motion_ns:
-                is_due, until_ns = True, r.waiting_ns[turn]
-            z = advance_motion(p, z, until_ns)
-            if is_due:
-                z = command_motion(p, z, r.waiting_rad[turn])
-                acting += 1
-            has_moved = until_ns < motion_ns or (
-                acting < given and r.waiting_ns[np.uintp(acting & _NEWEST)] <= motion_ns
-            )
-        if steers and c.stop_m_s2 > 0.0:
-            z = brake_motion(p, z, c.stop_m_s2 if guard.mode >= _FALLBACK else 0.0)
+            if c.stop_m_s2 > 0.0:
+                z = brake_motion(p, z, c.stop_m_s2 if guard.mode >= _FALLBACK else 0.0)
+            acts, steer_rad = p.dead_time_ns == 0, guard.limiter.steer_rad
+            if not acts:
+                turn = np.uintp(given & _NEWEST)
+                r.waiting_ns[turn], r.waiting_rad[turn] = motion_ns + p.dead_time_ns, steer_rad
+                given += 1
+        if acts:
+            z = command_motion(p, z, steer_rad)
         if is_sample:
             _, linear, _ = z
             _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear
@@ -162,12 +163,10 @@ def _plant_until(
             r.yaw_rate_rad_s[at] = yaw_rate_rad_s
             r.wheel_angle_rad[at] = wheel_rad
             r.curvature_1_m[at] = curvature_1_m
-            arc_length_m, speed_m_s = place_of(p, z)
-            r.arc_length_m[at], r.speed_m_s[at] = arc_length_m, speed_m_s
             r.command[at] = in_effect
             reading_m = error_m + s.noise_m[at]
             record_signals(inbox, sample, linear, guard)
-            record_place(inbox, p, sample, arc_length_m, speed_m_s)
+            record_place(p, inbox, r, sample, z)
             if is_overruled(guard) and guard.mode != _HOLDING:
                 if len(s.tick_status) == 0:
                     buffered = plan, is_new, played, given, acting
@@ -241,7 +240,7 @@ def _run_ticks(
         x, outcome = _plant_until(p, c, s, r, inbox, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
             return Kept(x, sent_rad, fade_rad, known), tick, outcome
-        if len(s.tick_state) > 0 and s.tick_state[now] >= 0:
+        if c.alike_to_m_s < math.inf and s.tick_state[now] >= 0:
             newest_m_s = speed_on_wire_m_s(r.speed_m_s[np.uintp(s.tick_state[now])])
             if newest_m_s != c.speed_m_s and max(newest_m_s, c.speed_m_s) > c.alike_to_m_s:
                 return Kept(x, sent_rad, fade_rad, known), tick, SPEED_CHANGED

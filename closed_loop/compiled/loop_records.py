@@ -91,8 +91,11 @@ class Records(NamedTuple):
     waiting_rad: FloatArray
 
 
-def empty_records(samples: int, ticks: int) -> Records:
-    """Return empty records: errors and commands are NaN at first, the others uninitialised."""
+def empty_records(samples: int, ticks: int, speed_m_s: float) -> Records:
+    """Return empty records: errors and commands are NaN at first, the others uninitialised.
+
+    ``speed_m_s``  of a linear vehicle, whose place and speed the loop does not record
+    """
     return Records(
         np.full(samples, np.nan),
         np.empty(samples),
@@ -100,7 +103,7 @@ def empty_records(samples: int, ticks: int) -> Records:
         np.empty(samples),
         np.empty(samples),
         np.empty(samples),
-        np.empty(samples),
+        np.full(samples, speed_m_s),
         np.empty(samples),
         np.empty(samples, dtype=np.int64),
         np.full(samples, np.nan),

@@ -7,7 +7,7 @@ mode it is in, also follow from the arrivals alone; the controller's own classes
 The controller's status messages are left out, because control does not depend on them.
 """
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,7 +38,6 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.moving_vehicle import AnyMotionParams
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
-from ...runtime.settings.plugin import Part
 from .along_path import curvatures_ahead_1_m
 from .law_input import Inbox, Uplink, quantised
 from .loop_records import Segment
@@ -54,20 +53,18 @@ _MESSAGES: dict[Uplink, type[Message]] = {
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 """A network that delivers none of this many samples counts as one that loses every frame."""
 
-_UPLINKS_KEPT = 8
-"""Uplinks cached for the next run on the same network: half a megabyte each."""
-
 
 class RunSchedule(NamedTuple):
     """The instants of a run; ``loop_records.Instants`` describes the first arrays.
 
-    ``motion_ns``  time of motion at each sample, 0 before it
-    ``time_s``     the same since the motion's start, shape (samples since then,)
+    ``motion_s``   time of motion at each sample, 0 before it
+    ``time_s``     of each sample since the motion's start, shape (samples since then,)
     ``tick_s``     of each tick, from the start of the run
     ``segments``   the controller's modes, in order
     ``end_ns``     when the last sample is taken
     ``commands_lost``      by the network, of the first ticks, shape (ticks + 1,)
     ``measurements_lost``  of the first samples, shape (samples + 1,): of all messages
+    ``measurements``       that the controller accepts, and when
     """
 
     tick_ns: IntArray
@@ -77,7 +74,7 @@ class RunSchedule(NamedTuple):
     sample_ns: IntArray
     noise_m: FloatArray
     command_latency_ns: IntArray
-    motion_ns: IntArray
+    motion_s: FloatArray
     time_s: FloatArray
     tick_s: FloatArray
     segments: tuple[Segment, ...]
@@ -85,6 +82,7 @@ class RunSchedule(NamedTuple):
     end_ns: int
     commands_lost: IntArray
     measurements_lost: IntArray
+    measurements: "Measurements"
 
 
 class Arrivals(NamedTuple):
@@ -96,6 +94,61 @@ class Arrivals(NamedTuple):
     arrival_ns: IntArray
     sample: IntArray
     lost: IntArray
+
+
+class Measurements:
+    """The plant's messages as the controller accepts them; each is computed once for all runs."""
+
+    def __init__(
+        self,
+        plant: PlantSettings,
+        controller: ControllerSettings,
+        samples: int,
+        motion_start_ns: int,
+        tick_ns: IntArray,
+    ) -> None:
+        self._plant, self._rule, self._limits = plant, controller.counters, controller.age_limits
+        self._samples, self._motion_start_ns = samples, motion_start_ns
+        self._tick_ns = tick_ns
+
+    def arrivals(self, message: Uplink) -> Arrivals:
+        """Return the arrivals of one message."""
+        return arrivals_of(message, self._plant, self._rule, self._samples, self._motion_start_ns)
+
+    def _in_use(self, message: Uplink) -> tuple[IntArray, IntArray]:
+        """Return the sample of the newest message at each tick, -1 for none, and its age [ns]."""
+        arrivals = self.arrivals(message)
+        in_use = np.searchsorted(arrivals.arrival_ns, self._tick_ns, side="right")
+        age_ns = self._tick_ns - np.append(0, arrivals.arrival_ns)[in_use]
+        return np.append(-1, arrivals.sample)[in_use], age_ns
+
+    @cached_property
+    def vehicle_in_use(self) -> tuple[IntArray, IntArray]:
+        """The sample of the VEHICLE_STATE in use at each tick, -1 for none; whether it is stale."""
+        sample, age_ns = self._in_use(Uplink.VEHICLE_STATE)
+        return sample, (age_ns > self._limits.vehicle_state_ns).astype(np.int64)
+
+    @cached_property
+    def speed_known_ns(self) -> int:
+        """When the first VEHICLE_STATE arrives."""
+        return int(self.arrivals(Uplink.VEHICLE_STATE).arrival_ns.min(initial=NEVER_NS))
+
+    @cached_property
+    def status_in_use(self) -> IntArray:
+        """The sample of the STEERING_STATUS in use at each tick, -1 for none that is fresh."""
+        sample, age_ns = self._in_use(Uplink.STEERING_STATUS)
+        return np.where(age_ns <= self._limits.steering_status_ns, sample, -1)
+
+    @cached_property
+    def received(self) -> tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]:
+        """The first arrays of ``Inbox``, from ``arrival_ns`` on."""
+        each = [self.arrivals(message) for message in Uplink]
+        message = np.repeat(list(Uplink), [len(arrivals.sample) for arrivals in each])
+        sample = np.concatenate([arrivals.sample for arrivals in each])
+        arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])
+        order = np.lexsort((message, sample, arrival_ns))
+        heading_rad, yaw_rate_rad_s = sensor_noise(self._plant, self._samples, slice(1, 3))
+        return arrival_ns[order], message[order], sample[order], heading_rad, yaw_rate_rad_s
 
 
 class NothingArrivesError(ValueError):
@@ -131,7 +184,7 @@ def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSch
         sample_ns=sample_ns,
         noise_m=sensor_noise(plant, samples, slice(1))[0],
         command_latency_ns=down.latency_ns[through],
-        motion_ns=motion_ns,
+        motion_s=motion_ns / NS_PER_S,
         time_s=np.multiply(motion_ns[is_moving], 1e-9),
         tick_s=np.multiply(tick_ns, 1e-9),
         segments=_segments(controller, arrivals, in_use, tick_ns),
@@ -139,36 +192,8 @@ def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSch
         end_ns=end_ns,
         commands_lost=np.append(0, np.cumsum(down.is_lost)),
         measurements_lost=arrivals.lost,
+        measurements=Measurements(plant, controller, samples, motion_start_ns, tick_ns),
     )
-
-
-def vehicle_in_use(
-    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
-) -> tuple[IntArray, IntArray]:
-    """Return the sample whose VEHICLE_STATE is in use at each tick, -1 for none; if it is stale."""
-    sample, age_ns = _in_use(Uplink.VEHICLE_STATE, plant, controller, schedule)
-    return sample, (age_ns > controller.age_limits.vehicle_state_ns).astype(np.int64)
-
-
-def status_in_use(
-    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
-) -> IntArray:
-    """Return the sample whose STEERING_STATUS is in use at each tick, -1 for none that is fresh."""
-    sample, age_ns = _in_use(Uplink.STEERING_STATUS, plant, controller, schedule)
-    return np.where(age_ns <= controller.age_limits.steering_status_ns, sample, -1)
-
-
-def _in_use(
-    message: Uplink, plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule
-) -> tuple[IntArray, IntArray]:
-    """Return the sample of the newest message at each tick, -1 for none, and its age [ns]."""
-    network, samples = plant_network(plant), len(schedule.sample_ns)
-    arrivals = _arrivals(
-        message, network, network.parts, controller.counters, samples, schedule.motion_start_ns
-    )
-    in_use = np.searchsorted(arrivals.arrival_ns, schedule.tick_ns, side="right")
-    age_ns = schedule.tick_ns - np.append(0, arrivals.arrival_ns)[in_use]
-    return np.append(-1, arrivals.sample)[in_use], age_ns
 
 
 def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
@@ -278,14 +303,10 @@ def inbox_of(
 ) -> Inbox:
     """Return the inbox of one run's law, with all that does not depend on how the vehicle moves."""
     samples = len(schedule.sample_ns)
-    network = plant_network(plant)
-    received = _received(
-        network, network.parts, controller.counters, samples, schedule.motion_start_ns
-    )
     return Inbox(
         HistoryParams(controller.loop_delay, controller.age_limits),
         empty_rings(keeps_plans=controller.law_record.plan is not None),
-        *received,
+        *schedule.measurements.received,
         measured_heading_rad=np.empty(samples),
         measured_yaw_rate_rad_s=np.empty(samples),
         measured_curvature_1_m=np.empty(samples),
@@ -317,7 +338,7 @@ def _paths_ahead_1_m(
         return np.empty((0, VALUES))
     every = samples_per_vehicle_state(plant.sensor_period_ns)
     spacing = spacing_m(plant.vehicle.speed_m_s, plant.path_ahead.reach_s)
-    places_m = motion.speed_m_s * (schedule.motion_ns[::every] / NS_PER_S)
+    places_m = motion.speed_m_s * schedule.motion_s[::every]
     rows = curvatures_ahead_1_m(motion.path, places_m, spacing, VALUES, *CURVATURES)
     resolution_1_m = resolutions(PathAhead)["curvature_0_1_m"]
     return np.asarray(np.rint(rows / resolution_1_m) * resolution_1_m)
@@ -327,19 +348,6 @@ def quantised_speed_m_s(speed_m_s: float) -> float:
     """Return the speed as VEHICLE_STATE carries it [m/s]."""
     highest_m_s = limits(VehicleState)["speed_m_s"].maximum
     return float(quantised(min(speed_m_s, highest_m_s), resolutions(VehicleState)["speed_m_s"]))
-
-
-def plant_network(plant: PlantSettings) -> PlantSettings:
-    """Return the settings with everything at its default except the network."""
-    return PlantSettings(
-        seed=plant.seed,
-        duration_s=plant.duration_s,
-        sensor_period_ms=plant.sensor_period_ms,
-        start_on_first_command=plant.start_on_first_command,
-        sensor_noise=plant.sensor_noise,
-        latency=plant.latency,
-        path_ahead=plant.path_ahead,
-    )
 
 
 def empty_rings(*, keeps_plans: bool) -> History:
@@ -353,34 +361,3 @@ def _empty_rings(keeps_plans: bool) -> tuple[History, dict[str, Any]]:
     rings = empty_history(keeps_plans=keeps_plans)
     lists = {name: ring for name, ring in rings._asdict().items() if isinstance(ring, list)}
     return rings, {name: np.array(ring) for name, ring in lists.items()}
-
-
-@lru_cache(maxsize=_UPLINKS_KEPT)
-def _arrivals(
-    message: Uplink,
-    plant: PlantSettings,
-    _parts: tuple[Part, ...],
-    rule: CounterRule,
-    samples: int,
-    motion_start_ns: int,
-) -> Arrivals:
-    """Return what ``arrivals_of`` does; runs share it."""
-    return arrivals_of(message, plant, rule, samples, motion_start_ns)
-
-
-@lru_cache(maxsize=_UPLINKS_KEPT)
-def _received(
-    plant: PlantSettings,
-    _parts: tuple[Part, ...],
-    rule: CounterRule,
-    samples: int,
-    motion_start_ns: int,
-) -> tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]:
-    """Return the first arrays of ``Inbox``, from ``arrival_ns`` on; runs share them."""
-    each = [arrivals_of(message, plant, rule, samples, motion_start_ns) for message in Uplink]
-    message = np.repeat(list(Uplink), [len(arrivals.sample) for arrivals in each])
-    sample = np.concatenate([arrivals.sample for arrivals in each])
-    arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])
-    order = np.lexsort((message, sample, arrival_ns))
-    heading_rad, yaw_rate_rad_s = sensor_noise(plant, samples, slice(1, 3))
-    return arrival_ns[order], message[order], sample[order], heading_rad, yaw_rate_rad_s

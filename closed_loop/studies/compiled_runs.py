@@ -171,7 +171,7 @@ class Computer:
         """Return what the network does to a run; cached for runs with the same network."""
         key = (
             *(plant.latency, plant.seed, plant.duration_ns, plant.sensor_period_ns),
-            *(plant.start_on_first_command, plant.sensor_noise.lateral_error_m),
+            *(plant.start_on_first_command, plant.sensor_noise, plant.path_ahead),
             *(controller.period_ns, controller.supervision),
         )
         with self._lock:
