@@ -5,13 +5,10 @@ Programs that show a bus take either, and name the messages as ``listed`` does.
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 from ..runtime.frame import Frame
 from .messages import CAN_IDS, CYCLE_TIMES_MS, MESSAGE_TYPES, sent_by
-
-if TYPE_CHECKING:
-    from .dialect.car_message import CarMessage
 
 
 class Listed(NamedTuple):
@@ -58,7 +55,7 @@ class Listening(NamedTuple):
     ``kept_ids``      identifiers of our own messages that are on it
     ``signals``       of a car, ``MESSAGE.SIGNAL``, by the quantity that it carries
     ``names``         of a car's messages, by the name of ours that they stand for
-    ``car_messages``  of a car, by name
+    ``car_messages``  of a car, by name: its ``CarMessage``
     ``hear``          takes a frame, and the time at which it came [ns]
     ``counts``        of a message of the car, by name; None for one of ours
     """
@@ -68,7 +65,7 @@ class Listening(NamedTuple):
     kept_ids: frozenset[int]
     signals: Mapping[str, str] = MappingProxyType({})
     names: Mapping[str, str] = MappingProxyType({})
-    car_messages: Mapping[str, "CarMessage"] = MappingProxyType({})
+    car_messages: Mapping[str, Any] = MappingProxyType({})
     hear: Callable[[Frame, int], Heard] = lambda frame, _now_ns: Heard((frame,))
     counts: Callable[[str], MessageCounts | None] = lambda _name: None
 
