@@ -21,8 +21,7 @@ from pathlib import Path
 
 from steer_by_wire.closed_loop.pair.live_bus import BUSES
 from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import traffic_of
-from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
-from steer_by_wire.dbc.messages import CAN_IDS, MESSAGE_TYPES
+from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
 from steer_by_wire.runtime.command_line import (
     command_parser,
     ending_signals,
@@ -51,12 +50,6 @@ from steer_by_wire.tools.cockpit.scenario import Scenario, scenario_titled, scen
 from steer_by_wire.tools.cockpit.server import Server, serving
 
 NAME = "steer-by-wire cockpit"
-_COSTS = {
-    "LATENCY_CONFIG": "the page cannot change the latency",
-    "DISTURBANCE_CONFIG": "the page cannot disturb the vehicle",
-    "CONTROLLER_STATUS": "the controller's mode and law are not shown",
-    "PLANT_STATUS": "the plant's state and latency are not shown",
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -120,7 +113,6 @@ def _run(options: argparse.Namespace) -> int:
     if not {"interface", "channel"} & vars(options).keys():  # python-can adds only what was given
         first = scenario_titled(options.scenario)
         traffic_of(settings, 1)  # a mistake in a database is reported before the address
-        _say_what_is_missing(language)  # so is one in a dialect
         lanes = OwnLanes(options.bus, settings, language)
         desk = Desk(lanes, None, "", may_control=True)
         return asyncio.run(_serve(options, desk, None, first))
@@ -130,14 +122,6 @@ def _run(options: argparse.Namespace) -> int:
     lane = Lane(opened.port, time.monotonic_ns(), listening=language.listening())
     desk = Desk(None, lane, opened.description, may_control=options.allow_control)
     return asyncio.run(_serve(options, desk, None))
-
-
-def _say_what_is_missing(language: BusLanguage) -> None:
-    """Say which messages of ours a dialect does not keep, and what that costs."""
-    kept_ids = language.listening().kept_ids
-    for name, cost in _COSTS.items():
-        if CAN_IDS[MESSAGE_TYPES[name]] not in kept_ids:
-            say(NAME, f"{language.file}: keep = [...] without {name}: {cost}")
 
 
 async def _serve(

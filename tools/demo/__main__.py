@@ -40,7 +40,6 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     story_table,
     summary_json,
     verdict_line,
-    what_to_see,
 )
 from steer_by_wire.tools.demo.pictures import draw
 from steer_by_wire.tools.demo.side_by_side import run_live, run_virtual
@@ -74,15 +73,18 @@ def _demo(options: argparse.Namespace) -> int:
     plants = {law: law.plant(overrides) for law in LAWS}
     controllers = {law: law.controller() for law in LAWS}
     files = {law: PairFiles(options.out / law.preset) for law in LAWS}
-    for law in LAWS:
-        texts = files[law].settings_texts(plants[law], controllers[law])
-        refuse_another_run(files[law].folder, texts)
-    for law in LAWS:
-        files[law].write_settings(plants[law], controllers[law])
+    texts = {
+        f"{law.preset}/{name}": text
+        for law in LAWS
+        for name, text in files[law].settings_texts(plants[law], controllers[law]).items()
+    }
+    refuse_another_run(options.out, texts)
     names = [law.preset for law in LAWS]
     plant = plants[LAWS[0]]
     log = options.out / "bus.txt"
     with open_channels(options.bus, names, log, bus, plant.seed) as channels:
+        for law in LAWS:
+            files[law].write_settings(plants[law], controllers[law])
         console.print(f"bus: {channels.description}", soft_wrap=True)
         live = run_live(channels, files, plant.duration_s, console)
     virtual = run_virtual(plants, controllers, bus, console)
@@ -106,9 +108,6 @@ def _present(
     summary = summary_json(results, phases, run)
     write_json(out / "summary.json", summary)
     console.print(story_table(results, phases))
-    console.print("What to see:")
-    for line in what_to_see(results, phases):
-        console.print(f"  {line}", soft_wrap=True)
     console.print(f"picture: {picture}", soft_wrap=True)
     console.print(f"all figures: {out / 'summary.json'}", soft_wrap=True)
     console.print(verdict_line(results), soft_wrap=True)

@@ -153,23 +153,6 @@ def story_table(results: Sequence[LawResult], phases: Sequence[Phase]) -> Table:
     return table
 
 
-def what_to_see(results: Sequence[LawResult], phases: Sequence[Phase]) -> list[str]:
-    """Return a sentence for each law that says in which phase it loses the path."""
-    return [f"{result.label}: {_fate(result.live_phases, phases)}" for result in results]
-
-
-def _fate(figures: Sequence[PhaseFigures], phases: Sequence[Phase]) -> str:
-    broken = [index for index, phase in enumerate(figures) if not phase.holds]
-    if not broken:
-        worst_m = max(phase.rms_m for phase in figures)
-        return f"holds the path to the end, the car {_mm(worst_m)} mm off at most (RMS)."
-    first = broken[0]
-    titles = [phase.title for phase in phases[:first]]
-    held = " and ".join([", ".join(titles[:-1]), *titles[-1:]] if len(titles) > 1 else titles)
-    before = f"holds the path with {held}; " if held else ""
-    return f"{before}is lost with {phases[first].title} ({figures[first].verdict})."
-
-
 def _cell(figures: PhaseFigures) -> str:
     """Return the error of a phase; where the path is not held, its size says nothing."""
     return _mm(figures.rms_m) if figures.holds else "lost"

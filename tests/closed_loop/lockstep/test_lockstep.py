@@ -251,27 +251,6 @@ def test_a_deadline_must_move_on_but_may_wait_beside_frames() -> None:
         assert node.on_frame(Frame(1, b""), 6) == ()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (["--law", "pd"], "--controller-command takes no --law: the program is its own"),
-        (["--fail-if", "controller_holds > 0"], "--fail-if controller_holds: another program"),
-    ],
-)
-def test_what_a_foreign_program_has_not_is_refused(
-    arguments: list[str], line: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["--controller-command", "true", *arguments]) == 2
-    assert line in capsys.readouterr().err
-
-
-def test_a_program_that_is_not_there_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--controller-command", "./no_such_program 1"]) == 3
-    assert capsys.readouterr().err == (
-        "steer-by-wire run: error: ./no_such_program: No such file or directory\n"
-    )
-
-
 def test_the_header_has_the_layout_of_the_record(tmp_path: Path) -> None:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler: the header was not compiled")

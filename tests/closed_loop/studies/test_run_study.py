@@ -217,7 +217,3 @@ def test_the_program_says_sizes_runs_and_replays(
     assert "steer-by-wire run out/study/small/replay/17/plant_emulator.toml" in printed
     assert study_program.main(["study.toml", "--replay", "4800"]) == ExitStatus.SETTINGS
     assert "the study has runs 0 to 47" in capsys.readouterr().err
-    assert study_program.main(["none.toml"]) == ExitStatus.SETTINGS
-    assert "none.toml: cannot be read" in capsys.readouterr().err
-    assert study_program.main(["study.toml", "--out", "study.toml"]) == ExitStatus.SETTINGS
-    assert "--out study.toml is a file: give the name of a folder" in capsys.readouterr().err

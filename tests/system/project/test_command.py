@@ -112,48 +112,6 @@ def test_the_version_is_the_distributions_and_the_packages(
     assert capsys.readouterr().out == f"steer-by-wire {steer_by_wire.__version__}\n"
 
 
-@pytest.mark.parametrize(
-    ("words", "line"),
-    [
-        (["analyse"], "steer-by-wire: error: no command 'analyse'; did you mean analyze?"),
-        (["--completion", "csh"], "steer-by-wire: error: --completion takes one of bash, zsh"),
-        (["run", "--law", "nosuch"], "steer-by-wire run: error: command line: law = "),
-        (["plant", "--set", "x=1"], "steer-by-wire plant: error: command line: x "),
-        (["check", "--preset", "x"], "steer-by-wire check: error: preset x: "),
-        (
-            ["run", "--preset", "practical_pdd"],
-            "steer-by-wire run: error: argument --preset: no preset 'practical_pdd' (did you mean"
-            " practical_pd?)",
-        ),
-        (
-            ["run", "--set", "latency.downlink.mean_s=0.1"],
-            "steer-by-wire run: error: argument --set: 'latency.downlink.mean_s=0.1' begins with"
-            " none of plant., controller. and hand_wheel. (did you mean"
-            " plant.latency.downlink.mean_s=0.1?)",
-        ),
-        (
-            ["run", "--preset", "paper_pd", "--preset", "practical_pd"],
-            "steer-by-wire run: error: --preset: paper_pd and practical_pd are both of the contr",
-        ),
-        (
-            ["run", "--durations", "3"],
-            "steer-by-wire run: error: unrecognized arguments: --durations (did you mean --dur",
-        ),
-        (["check", "law.toml", ""], "steer-by-wire check: error: unrecognized arguments: "),
-        (["study", "nosuch"], "steer-by-wire study: error: argument STUDY: 'nosuch' is neither"),
-    ],
-)
-def test_a_mistake_is_reported_under_the_name_that_was_typed(
-    words: list[str], line: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    try:
-        status = main(words)
-    except SystemExit as end:
-        status = int(end.code or 0)
-    assert status == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith(line)
-
-
 GIT = {"vcs": "git", "commit_id": "1f"}
 TAG = GIT | {"requested_revision": "v2"}
 

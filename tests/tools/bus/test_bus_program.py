@@ -84,29 +84,6 @@ def test_a_file_that_is_no_socket_is_left_alone(stack: ExitStack, directory: Pat
     assert precious.read_text() == "data"
 
 
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        (["--load", "3"], "load = 3.0 should be"),
-        (["--rest-bus", "none.dbc"], "rest_bus: none.dbc: No such file"),
-        (["--bus-settings", "noisy.toml"], "noisy.toml: bit_error_rate: only runs in virtual time"),
-    ],
-)
-def test_what_cannot_happen_on_the_bus_is_refused_in_one_line(
-    options: list[str],
-    complaint: str,
-    capsys: pytest.CaptureFixture[str],
-    directory: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(directory)
-    Path("noisy.toml").write_text("bit_error_rate = 1e-4\n", encoding="utf-8")
-    assert main(options) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("steer-by-wire bus: error: ")
-    assert complaint in line
-
-
 def test_clients_meet_the_traffic_that_was_asked_for(stack: ExitStack, directory: Path) -> None:
     address, report = str(directory / "socket"), directory / "report.json"
     options = ["--load", "0.5", "--json", str(report)]
@@ -178,24 +155,6 @@ def test_a_launched_broker_ends_with_its_launcher(stack: ExitStack) -> None:
 def test_a_launched_broker_that_does_not_start_is_reported() -> None:
     with pytest.raises(RuntimeError, match="has not started"), launched_broker(["--bitrate", "1"]):
         pass
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--bitrate", "0"],
-        ["--bitrate", "fast"],
-        ["--bitrate", "2000000"],
-        ["--data-bitrate", "1"],
-        ["--priority", "100"],
-    ],
-)
-def test_a_bit_rate_or_priority_that_does_not_exist_is_refused(
-    arguments: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(arguments)
-    assert arguments[0] in capsys.readouterr().err
 
 
 # Overload

@@ -64,25 +64,3 @@ def test_an_overloaded_bus_has_no_bound(tmp_path: Path, capsys: pytest.CaptureFi
     words = [str(busy), "--period", "FAST=0.2", "--period", "SLOW=10", "--bitrate", "500000"]
     assert main([RESPONSE_TIMES, *words]) == 0
     assert "no bound" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["nosuch.dbc"], "nosuch.dbc"),
-        ([OURS, OURS], "the same identifier"),
-        ([OURS, "--period", "NOSUCH=1"], "--period NOSUCH=1"),
-        ([OURS, "--period", "LATENCY_CONFIG=0"], "0.1 to 3600000"),
-    ],
-)
-def test_a_mistake_is_one_line(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([RESPONSE_TIMES, *words]) == 2
-    printed = capsys.readouterr()
-    assert not printed.out
-    lines = printed.err.splitlines()
-    last = lines[-1]
-    assert all(line.startswith("steer-by-wire can response-times: ") for line in lines)
-    assert last.startswith("steer-by-wire can response-times: error: ")
-    assert said in last

@@ -20,7 +20,6 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.real_time_loop import Received
-from steer_by_wire.tools.cockpit.__main__ import main
 from steer_by_wire.tools.cockpit.lane import ROWS_KEPT, Lane
 from steer_by_wire.tools.cockpit.page_access import HOST
 from steer_by_wire.tools.cockpit.page_requests import LISTENS_ONLY, NOT_OURS, Desk
@@ -293,22 +292,3 @@ def test_a_recording_of_a_lane_has_every_frame(tmp_path: Any) -> None:
     lines = file.read_text(encoding="ascii").splitlines()
     assert len(lines) >= 2
     assert all(line.endswith(f"cockpit 110#{ERROR.data.hex().upper()}") for line in lines)
-
-
-@pytest.mark.parametrize("option", [["--rest-bus", "none.dbc"], ["--scenario", "none"]])
-def test_what_cannot_start_is_refused_before_an_address_is_printed(
-    option: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["--no-browser", *option]) == 2
-    printed = capsys.readouterr()
-    assert not printed.out
-    assert printed.err.startswith("steer-by-wire cockpit: error: ")
-    assert printed.err.count("\n") == 1
-
-
-def test_a_port_that_there_is_not_is_refused_in_one_line(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with pytest.raises(SystemExit):
-        main(["--port", "99999"])
-    assert "argument --port: allowed is 0 to 65535, not '99999'" in capsys.readouterr().err

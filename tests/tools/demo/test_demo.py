@@ -21,7 +21,6 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     phases_of,
     story_table,
     verdict_line,
-    what_to_see,
 )
 from tests.support.frames.recorded_frames import entries_in
 from tests.support.suite.combinations import sampled
@@ -42,7 +41,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_its_folder_takes_no_other_run(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = {file: file.read_bytes() for file in out.glob("*.*")}
     assert demo.main(["--bus", "emulated", "--duration", "3", "--out", str(out)]) == 2
-    assert "has another run, whose plant_emulator.toml differs" in capsys.readouterr().err
+    assert (
+        "has another run, whose practical_pd/plant_emulator.toml differs" in capsys.readouterr().err
+    )
     assert {file: file.read_bytes() for file in out.glob("*.*")} == before
 
 
@@ -97,19 +98,6 @@ def result_of(live: str, virtual: str, rms_m: float = 0.01) -> LawResult:
     return LawResult("law", nothing, nothing, judged(live, rms_m), judged(virtual, rms_m + 0.002))
 
 
-@pytest.mark.parametrize(
-    ("live", "sentence"),
-    [
-        ("hhh", "law: holds the path to the end, the car 10.0 mm off at most (RMS)."),
-        ("hhl", "law: holds the path with none and 80 ms; is lost with jitter (limit cycle)."),
-        ("lhh", "law: is lost with none (limit cycle)."),
-    ],
-)
-def test_what_to_see_follows_from_the_figures(live: str, sentence: str) -> None:
-    phases = [Phase(title, 0.0, 1.0) for title in ("none", "80 ms", "jitter")]
-    assert what_to_see([result_of(live, live)], phases) == [sentence]
-
-
 def test_the_verdict_compares_the_bus_with_virtual_time() -> None:
     results = [result_of("hhl", "hhl"), result_of("hll", "hhl", 0.02)]
     verdict = verdict_line(results)
@@ -146,41 +134,6 @@ def test_phases_fill_a_run_of_any_length() -> None:
     for one, other in zip(phases_of(short), phases_of(default), strict=True):
         assert one.title == other.title
         assert factor * one.to_s == pytest.approx(other.to_s)
-
-
-@pytest.mark.parametrize("text", ["0.005", "nan", "long"])
-def test_a_duration_out_of_range_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        demo.main([f"--duration={text}"])
-    assert "allowed is 1 to 3600 s" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (["--seed", "-5"], "allowed"),
-        (["--load", "2"], "allowed"),
-        (["--rest-bus", "none.dbc"], "rest_bus: none.dbc: No such file"),
-        (["--bus", "socketcan", "--load", "0.5"], "only an emulated bus has these"),
-    ],
-)
-def test_a_bad_setting_is_one_line_and_status_2(
-    arguments: list[str], complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert demo.main([*arguments, "--out", str(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("steer-by-wire demo: error: ")
-    assert error.count("\n") == 1
-    assert complaint in error
-
-
-def test_an_output_that_cannot_be_written_is_one_line_and_status_4(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("")
-    assert demo.main(["--out", str(tmp_path / "file")]) == 4
-    folder = tmp_path / "file" / "practical_pd"
-    assert capsys.readouterr().err == f"steer-by-wire demo: error: {folder}: Not a directory\n"
 
 
 def test_missing_interfaces_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:

@@ -32,7 +32,6 @@ from steer_by_wire.tools.design.search.parameter_search import cost, find
 from steer_by_wire.tools.design.specification import Specification
 from tests.support.loops.shipped_design import (
     PAPER_VEHICLE,
-    PRACTICAL,
     shipped_spec,
     shipped_vehicle,
 )
@@ -366,25 +365,3 @@ def test_a_mistake_in_a_file_is_one_line_and_status_2(
     (said,) = capsys.readouterr().err.splitlines()
     assert said.startswith("steer-by-wire design: error: ")
     assert complaint in said
-
-
-def test_a_missing_file_is_one_line_and_status_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    missing = tmp_path / "none.toml"
-    assert design_gains.main([str(missing), "--spec", str(PRACTICAL)]) == 2
-    assert design_gains.main([str(PAPER_VEHICLE), "--spec", str(missing)]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 2
-    assert all("none.toml: cannot be read" in line for line in lines)
-
-
-def test_a_folder_that_cannot_be_is_one_line_and_status_4(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    small_spec(tmp_path)
-    spec = tmp_path / "small.toml"
-    options = [str(PAPER_VEHICLE), "--spec", str(spec), "--out", str(spec / "presets")]
-    assert design_gains.main(options) == 4
-    (said,) = capsys.readouterr().err.splitlines()
-    assert "small.toml" in said

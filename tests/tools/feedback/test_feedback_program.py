@@ -37,25 +37,6 @@ def test_the_table_and_the_picture_show_the_same_loops(
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "refusal"),
-    [("--torque-gradients", "6,x", "0.01 to 1000 N m/rad"), ("--cycle-ms", "0", "0.001 to 100 ms")],
-)
-def test_a_wrong_number_is_refused_with_its_range(
-    option: str, value: str, refusal: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        main([option, value])
-    assert refusal in capsys.readouterr().err
-
-
-def test_an_unknown_preset_is_refused_with_the_known_ones(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["--preset", "tank"]) == 2
-    assert "large_sedan" in capsys.readouterr().err
-
-
 def test_its_page_shows_what_it_prints(capsys: pytest.CaptureFixture[str]) -> None:
     page = (Path(__file__).parents[3] / "docs" / "feedback.md").read_text(encoding="utf-8")
     commands, block, *_ = re.findall(r"```(?:sh|text)\n(.*?)```", page, re.DOTALL)

@@ -31,37 +31,6 @@ def test_preset_and_file_are_named(tmp_path: Path) -> None:
     assert title == f"/* Law pd at 50 Hz, {said}"
 
 
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        ("--preset practical_predictor",
-         "law = 'predictor' does not become C: pd, pd_dob, pd_cdob, pd_ddob, pid do"),
-        ("--preset practical_pd --set feed_forward.gain=1",
-         "[feed_forward] does not become C: leave it out"),
-        ("--preset practical_pid --set pid.heading_gain_rad_rad=1",
-         "pid.heading_gain_rad_rad does not become C: leave it out"),
-        ("--preset practical_pd --set supervision.stops_if_implausible=true",
-         "supervision.stops_if_implausible does not become C: leave it out"),
-    ],
-)  # fmt: skip
-def test_what_stays_in_python_is_refused_in_one_line(
-    words: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*words.split(), "--out", str(tmp_path / "law")]) == 2
-    assert capsys.readouterr().err == f"steer-by-wire generate-c: error: {why}\n"
-    assert not (tmp_path / "law").exists()
-
-
-def test_a_file_in_place_of_the_folder_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "law").write_text("a file")
-    words = ["--preset", "practical_pd", "--out", str(tmp_path / "law")]
-    assert main(words) == 2
-    why = f"--out {tmp_path / 'law'} is a file: give the name of a folder"
-    assert capsys.readouterr().err == f"steer-by-wire generate-c: error: {why}\n"
-
-
 def test_another_law_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--out", str(tmp_path), "--preset"]
     assert [main([*words, "practical_pd"]) for _ in range(2)] == [0, 0]

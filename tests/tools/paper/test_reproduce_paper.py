@@ -123,33 +123,6 @@ def test_figures_are_on_the_page_in_the_paper_s_order(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "table_2.json").read_bytes())["key"] == "table_2"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reported"),
-    [
-        (["--figure", "13"], "--figure 13: nothing to compute; allowed are 7, 8,"),
-        (["--figure", "16", "--figure", "x"], "--figure x: nothing to compute"),
-        (["--table", "3"], "nothing to compute; allowed are 2"),
-    ],
-)
-def test_what_cannot_be_computed_is_refused_in_one_line(
-    arguments: list[str], reported: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert reproduce_paper.main([*arguments, "--out", str(tmp_path / "new")]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("steer-by-wire paper: error: ")
-    assert error.count("\n") == 1
-    assert reported in error
-    assert not (tmp_path / "new").exists()
-
-
-def test_a_folder_that_cannot_be_made_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").touch()
-    assert reproduce_paper.main(["--figure", "8", "--out", str(tmp_path / "file")]) == 2
-    assert f"{tmp_path / 'file'} is a file: give the name of a folder" in capsys.readouterr().err
-
-
 def test_numbers_select_in_the_paper_s_order_and_none_select_all() -> None:
     keys = reproduce_paper.selected(["21", "8"], ["2"])
     assert keys == ("figure_08", "table_2", "figure_21")

@@ -153,43 +153,6 @@ def test_log2asc_finds_every_error_frame_of_a_recording(noisy_log: Path) -> None
     assert read == [frame.flags == ERROR for frame in frames_in(noisy_log)]
 
 
-@pytest.mark.parametrize(
-    ("options", "status", "complaint"),
-    [
-        (["--set", "plant.vehicle.speed_m_s=-3"], 2, "vehicle.speed_m_s"),
-        (["--preset", "practical_pd", "--set", "controller.rate_hz=1"], 2, "rate_hz"),
-        (["--controller", "missing.toml"], 2, "missing.toml"),
-        (["--bitrate", "10000"], 3, "10000 bit/s are too few"),
-        (["--bit-error-rate", "0.1"], 2, "bit_error_rate = 0.1 should be"),
-        (["--rest-bus", "none.dbc"], 2, "rest_bus: none.dbc: No such file"),
-        (["--bus-settings", "none.toml"], 2, "none.toml: cannot be read"),
-        (["--ideal-wire", "--load", "0.5"], 2, "need a bus with a bit rate"),
-    ],
-)
-def test_a_mistake_is_one_line_and_a_status(
-    options: list[str], status: int, complaint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert closed_loop.main(options) == status
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("steer-by-wire run: error: ")
-    assert complaint in line
-
-
-@pytest.mark.parametrize(
-    ("option", "complaint"),
-    [
-        *((f"--bitrate={it}", "10000 to 1000000") for it in ("0", "-5", "2000000", "fast")),
-        ("--load=much", "is not a number"),
-    ],
-)
-def test_an_option_that_cannot_be_read_is_refused(
-    option: str, complaint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        closed_loop.main([option])
-    assert complaint in capsys.readouterr().err
-
-
 def test_a_condition_that_is_met_ends_with_a_status_of_its_own(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

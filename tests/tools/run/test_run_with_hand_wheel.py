@@ -128,18 +128,3 @@ def test_a_car_with_a_rack_is_felt_too(tmp_path: Path) -> None:
 def test_a_compiled_run_refuses_a_hand_wheel(table: str) -> None:
     with pytest.raises(SettingsError, match=f"^{table}: compiled runs have no hand wheel"):
         simulate(engine="compiled", overrides={table: {}})
-
-
-@pytest.mark.parametrize(
-    ("options", "refusal"),
-    [
-        (("--set", "hand_wheel.cycle_ms=5"), "add --hand-wheel too"),
-        (("--hand-wheel", "still", "--set", "hand_wheel.cycle_ms=50"), "up to 20"),
-        (("--hand-wheel", "still", "--controller-command", "true"), "has none"),
-    ],
-)
-def test_a_hand_wheel_that_cannot_be_is_refused(
-    options: tuple[str, ...], refusal: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(list(options)) == 2
-    assert refusal in capsys.readouterr().err
