@@ -69,6 +69,11 @@ _RATE_RANGE = limits(HandWheelState)["hand_wheel_rate_rad_s"]
 _TORQUE_RANGE = limits(HandWheelState)["driver_torque_n_m"]
 _APPLIED_RANGE = limits(HandWheelStatus)["applied_torque_n_m"]
 _NOT_FINITE = "the motion of the wheel was not finite"
+STEERED_BY_TEXTS: Mapping[SteeredBy, str] = {
+    SteeredBy.LAW: "steered by the law",
+    SteeredBy.DRIVER: "steered by the driver",
+    SteeredBy.BOTH: "steered by the driver, assisted by the law",
+}
 _MODES: Mapping[Mode, str] = {
     Mode.WAITING: "WAITING for the road: local damping alone",
     Mode.ACTIVE: "ACTIVE: the driver feels the road",
@@ -193,7 +198,7 @@ class HandWheelNode:
         reception, wheel = self._reception, self._wheel
         states = {
             "mode": _MODES[self._mode.mode],
-            "steered by": f"steered by the {self._steered_by.name.lower()}",
+            "steered by": STEERED_BY_TEXTS[self._steered_by],
             "second sender": second_sender_line(reception.second_senders),
             "revision": OTHER_REVISION_TEXT if "other_revision" in reception.rejected else "",
             "failure": self._failure and f"fault: {self._failure}",
@@ -302,7 +307,9 @@ class HandWheelNode:
                 self._feedback_params, self._feedback, against_n_m, rate_rad_s
             )
         felt_n_m = self._law_n_m if driver_steers else self._servo_n_m()
-        told_n_m = self._share * (felt_n_m + self._ordered_n_m) + (1.0 - self._share) * local_n_m
+        # The assist of the law needs no road, only a wheel that is sound.
+        assist_n_m = self._ordered_n_m * (self._share if self._failure else 1.0)
+        told_n_m = self._share * felt_n_m + assist_n_m + (1.0 - self._share) * local_n_m
         self._told_n_m = told_n_m if isfinite(told_n_m) else local_n_m
         self.finished = self._failure != "" and self._share == 0.0
 
@@ -343,7 +350,7 @@ class HandWheelNode:
         """Record a cycle."""
         angle_rad, rate_rad_s, motor_n_m, driver_n_m = self._wheel
         aim_rad = self._hands.wished_rad if self._hands.grip is not HANDS_OFF else 0.0
-        if self._steered_by is SteeredBy.LAW:
+        if self._steered_by is not SteeredBy.DRIVER:
             aim_rad = self._ratio * self._wheel_rad
         self._window.append(angle_rad - aim_rad)
         self._peak_rad = max(self._peak_rad, abs(angle_rad))

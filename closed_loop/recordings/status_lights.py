@@ -51,6 +51,7 @@ _STEERING = {
     SteeringStatusCode.HOLDING: (NOTICE, "commands have stopped: the wheel is held"),
     SteeringStatusCode.FALLBACK: (BAD, "commands stayed away: the wheel goes to its fallback"),
     SteeringStatusCode.SAFE_STATE: (BAD, "a fault or an override: commands are ignored"),
+    SteeringStatusCode.DRIVER_STEERS: (GOOD, "the wheels follow the hand wheel"),
 }
 _SAFETY = {
     SafetyState.NORMAL: (GOOD, "commands pass unchanged"),

@@ -29,6 +29,7 @@ from ...runtime.settings import Settings
 _OFFSET_STEP_NS_MAX = 1_000_000_000
 """An offset this far from the mean is not a latency: a sender has restarted."""
 _IGNORING_FROM = int(SteeringStatusCode.HOLDING)
+_DRIVER_STEERS = int(SteeringStatusCode.DRIVER_STEERS)
 """From this code on the steering has been without commands, and may still be. The echo then names
 the last command before the gap, whose age only shows how long the gap is, or one of the first after
 it."""
@@ -82,7 +83,7 @@ def delay_step(
 
     ``status``  the SteeringStatusCode, as a number
     """
-    if tick < 0 or status >= _IGNORING_FROM:
+    if tick < 0 or _IGNORING_FROM <= status < _DRIVER_STEERS:
         return x
     offset_ns = float(sample * p.sensor_period_ns - tick * p.period_ns)
     deviation_ns = offset_ns - x.offset_ns

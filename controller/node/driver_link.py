@@ -1,6 +1,7 @@
 """What the controller hears of the driver (HAND_WHEEL_STATE) and answers (HAND_WHEEL_FEEDBACK).
 
-The feedback itself is computed at the wheel; the controller says who steers, and the ratio.
+The feedback itself is computed at the wheel; the controller says who steers, and the ratio, and
+adds the torque by which the law assists.
 """
 
 from collections import Counter
@@ -8,7 +9,13 @@ from collections import Counter
 from ...dbc.messages import HandWheelFeedback, HandWheelState, Sender, SteeredBy
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
-from ..who_steers import HandWheelSettings, Steering, steering_rule, steering_step
+from ..who_steers import (
+    HandWheelSettings,
+    Steering,
+    assist_step,
+    steering_rule,
+    steering_step,
+)
 
 
 class DriverLink:
@@ -18,11 +25,14 @@ class DriverLink:
     ``changes``     how often each has begun to steer
     """
 
-    def __init__(self, settings: HandWheelSettings, reception: Reception, start_ns: int) -> None:
-        self._rule, self._ratio = steering_rule(settings), settings.steering_ratio
+    def __init__(
+        self, settings: HandWheelSettings, reception: Reception, start_ns: int, period_s: float
+    ) -> None:
+        self._settings, self._rule, self._period_s = settings, steering_rule(settings), period_s
         self._check = reception.newest(HandWheelState)
         self._steering = Steering(SteeredBy.LAW, start_ns)
-        self._torque_n_m = 0.0
+        self._torque_n_m = self._share = self._assist_n_m = 0.0
+        self._wheel = 0.0, 0.0
         self._sender = Sender(HandWheelFeedback)
         self.changes: Counter[str] = Counter()
 
@@ -36,11 +46,12 @@ class DriverLink:
         return {"steered_by": self.steered_by.name.lower(), "changes": dict(self.changes)}
 
     def on_state(self, message: HandWheelState) -> None:
-        """Store the driver's torque."""
+        """Store the driver's torque and the motion of the wheel."""
         self._torque_n_m = message.driver_torque_n_m
+        self._wheel = message.hand_wheel_angle_rad, message.hand_wheel_rate_rad_s
 
-    def decide(self, now_ns: int, *, can_steer: bool) -> SteeredBy:
-        """Return who steers from now on; ``can_steer``: whether the law can."""
+    def decide(self, now_ns: int, law_rad: float, *, can_steer: bool) -> SteeredBy:
+        """Return who steers from now on; ``can_steer``: whether the law can, with its command."""
         before, arrival_ns = self._steering, self._check.arrival_ns
         age_ns = None if arrival_ns is None else now_ns - arrival_ns
         heard = self._torque_n_m, age_ns
@@ -48,14 +59,18 @@ class DriverLink:
         if after.steered_by is not before.steered_by:
             self.changes[after.steered_by.name.lower()] += 1
         self._steering = after
+        wanted_rad = law_rad if after.steered_by is SteeredBy.BOTH else None
+        self._share, self._assist_n_m = assist_step(
+            self._settings, self._share, wanted_rad, self._wheel, self._period_s
+        )
         return after.steered_by
 
     def frame(self) -> Frame:
         """Return the answer."""
         return self._sender.frame(
             HandWheelFeedback(
-                feedback_torque_n_m=0.0,
-                steering_ratio=self._ratio,
+                feedback_torque_n_m=self._assist_n_m,
+                steering_ratio=self._settings.steering_ratio,
                 answered_state=self._check.counter,
                 steered_by=self.steered_by,
             )

@@ -24,7 +24,7 @@ SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleSt
 """The messages without which the controller falls back."""
 RECEIVED: tuple[type[Message], ...] = (*SUPERVISED, PathAhead)
 """The messages that the controller receives."""
-_APPLYING = SteeringStatusCode.APPLYING
+_APPLYING, _HOLDING = SteeringStatusCode.APPLYING, SteeringStatusCode.HOLDING
 SENT = sent_by("CONTROLLER")
 """The messages that the controller alone sends."""
 
@@ -39,11 +39,7 @@ def acting_rad(
 
     ``code``, ``age``  of the newest STEERING_STATUS
     """
-    is_other = (
-        code is SteeringStatusCode.LIMITED_BY_SAFETY
-        or code is SteeringStatusCode.FALLBACK
-        or code is SteeringStatusCode.SAFE_STATE
-    )
+    is_other = code >= SteeringStatusCode.LIMITED_BY_SAFETY and code is not _HOLDING
     return wheel_rad if is_other and age is Freshness.FRESH else sent_rad
 
 

@@ -92,7 +92,11 @@ class ControllerNode:
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
         table = settings.hand_wheel
         self._driver = (
-            None if table is None else DriverLink(table, self._received.reception, start_ns)
+            None
+            if table is None
+            else DriverLink(
+                table, self._received.reception, start_ns, settings.period_ns / NS_PER_S
+            )
         )
         self._falls_silent = settings.supervision.second_sender == "silent"
         self._law = LawRunner(settings, self._ramp_step_rad)
@@ -305,7 +309,7 @@ class ControllerNode:
             sent_ns, command_rad, is_first = echo
             if code is _APPLYING:
                 self._command_rad = command_rad
-            is_others = self._driver is not None and self._driver.steered_by is SteeredBy.DRIVER
+            is_others = self._driver is not None and self._driver.steered_by is not SteeredBy.LAW
             if code in _FOLLOWING and not is_others:
                 self._aim_rad = command_rad
             self._echo = echo_step(self._echo_rule, self._echo, sent_ns, now_ns)
@@ -352,15 +356,15 @@ class ControllerNode:
         return self._sent_steer_rad
 
     def _beside_driver(self, driver: DriverLink, law_rad: float, now_ns: int) -> float:
-        """Decide who steers; returns the command: that of the law, or where the driver steers.
+        """Decide who steers; returns the command: that of the law, or where the hand wheel steers.
 
         So the law takes over from the driver as it recovers from a hold: without a jump.
         """
         is_active = self._supervisor.mode is _ACTIVE
         before = driver.steered_by
-        if driver.decide(now_ns, can_steer=is_active) is SteeredBy.DRIVER:
+        if driver.decide(now_ns, law_rad, can_steer=is_active) is not SteeredBy.LAW:
             return self._received.wheel_rad
-        if before is SteeredBy.DRIVER and is_active:
+        if before is not SteeredBy.LAW and is_active:
             self._law.start(Mode.HOLDING, self._received)
             return self._sent_steer_rad
         return law_rad

@@ -46,6 +46,8 @@ class SteeringStatusCode(IntEnum):
     """Commands have stopped for longer: the configured fallback is applied."""
     SAFE_STATE = 6
     """The wheel does not follow, or an override: the fallback is applied, and commands ignored."""
+    DRIVER_STEERS = 7
+    """The angle of the hand wheel is applied, and the command only echoed."""
 
 
 class SafetyState(IntEnum):

@@ -21,6 +21,7 @@ _APPLYING = (
     SteeringStatusCode.APPLYING,
     SteeringStatusCode.LIMITED,
     SteeringStatusCode.LIMITED_BY_SAFETY,
+    SteeringStatusCode.DRIVER_STEERS,
 )
 Values = Mapping[Quantity, float]
 

@@ -447,7 +447,7 @@ class PlantNode:
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)
         if self._hand_wheel.driver_steers(time_ns) and code is SteeringStatusCode.APPLYING:
-            code = SteeringStatusCode.LIMITED_BY_SAFETY  # the command is not what acts
+            code = SteeringStatusCode.DRIVER_STEERS
         self._sampling.send(applied, code, time_ns, motion_ns)
 
     def _sense_force(self, time_ns: int) -> None:

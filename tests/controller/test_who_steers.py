@@ -8,12 +8,13 @@ from steer_by_wire.controller.who_steers import (
     HandWheelSettings,
     Steering,
     SteeringRule,
+    assist_step,
     steering_rule,
     steering_step,
 )
 from steer_by_wire.dbc.messages import SteeredBy
 
-LAW, DRIVER = SteeredBy.LAW, SteeredBy.DRIVER
+LAW, DRIVER, BOTH = SteeredBy.LAW, SteeredBy.DRIVER, SteeredBy.BOTH
 PERIOD_NS = 10_000_000
 FRESH = PERIOD_NS
 
@@ -57,3 +58,31 @@ def test_a_silent_hand_wheel_never_steers(torques: list[float], age_ns: int | No
 @pytest.mark.parametrize("torque", [0.0, 5.0])
 def test_the_driver_steers_while_the_law_cannot(torque: float) -> None:
     assert history(rule(hand_back_s=0.0), [torque] * 5, can_steer=False) == [DRIVER] * 5
+
+
+def test_both_steer_until_a_firm_torque_and_again_after_rest() -> None:
+    p = rule(steered_by="both", take_over_n_m=2.0, hand_back_s=0.5)
+    found = history(p, [1.5] * 5 + [2.5] + [0.4] * 20 + [0.0] * 60)
+    assert found[:5] == [BOTH] * 5
+    assert found[5:75] == [DRIVER] * 70
+    assert found[76:] == [BOTH] * 10
+    assert set(history(p, [0.0] * 5, can_steer=False)) == {DRIVER}
+    assert set(history(p, [0.0] * 5, age_ns=None)) == {LAW}
+
+
+@given(st.lists(st.tuples(st.none() | st.floats(-0.1, 0.1), st.floats(-5.0, 5.0)), max_size=80))
+def test_the_assist_is_limited_and_never_jumps(steps: list[tuple[float | None, float]]) -> None:
+    p, share, before = HandWheelSettings(steered_by="both"), 0.0, 0.0
+    for wanted, angle in steps:
+        share, torque = assist_step(p, share, wanted, (angle, 0.0), 0.01)
+        assert abs(torque) <= share * p.assist_n_m_max
+        if wanted is None:
+            assert abs(share - before) <= 0.021
+        before = share
+
+
+def test_the_assist_turns_the_wheel_to_the_command() -> None:
+    p = HandWheelSettings(steered_by="both", steering_ratio=10.0)
+    assert assist_step(p, 1.0, 0.01, (0.05, 0.0), 0.01)[1] == pytest.approx(20.0 * 0.05)
+    assert assist_step(p, 1.0, 0.01, (0.1, 0.5), 0.01)[1] == pytest.approx(-0.5)
+    assert assist_step(p, 0.0, None, (0.1, 0.5), 0.01) == (0.0, 0.0)

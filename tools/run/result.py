@@ -11,7 +11,8 @@ from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.edge import translated_text
-from ...hand_wheel.node import HandWheelNode
+from ...dbc.messages import SteeredBy
+from ...hand_wheel.node import STEERED_BY_TEXTS, HandWheelNode
 from ...hand_wheel.program import QUANTITIES as HAND_WHEEL_QUANTITIES
 from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.command_line import fail_if_quantities as plant_quantities
@@ -160,4 +161,5 @@ def _bus_lines(bus: SharedBus) -> list[tuple[str, str]]:
 def hand_wheel_text(node: Mapping[str, Any]) -> str:
     """Return how the hand wheel moved, in words."""
     turns = f"up to {node['peak_angle_rad']:.2f} rad and {node['peak_driver_torque_n_m']:.1f} N m"
-    return f"{node['law']}, {turns} of the driver; steered by the {node['steered_by']}"
+    who = STEERED_BY_TEXTS[SteeredBy[node["steered_by"].upper()]]
+    return f"{node['law']}, {turns} of the driver; {who}"

@@ -51,7 +51,7 @@ def test_the_controller_says_who_steers_and_the_ratio() -> None:
     tested.tick_until(START_NS + 150 * MS_NS)
     status = tested.last(SteeringStatus)
     assert status.wheel_angle_rad == pytest.approx(0.02)
-    assert status.status is SteeringStatusCode.LIMITED_BY_SAFETY  # not the command acts
+    assert status.status is SteeringStatusCode.DRIVER_STEERS
     law = HandWheelFeedback(
         feedback_torque_n_m=0.0, steering_ratio=10.0, answered_state=0, steered_by=SteeredBy.LAW
     )

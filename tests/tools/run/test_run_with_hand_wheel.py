@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire import SettingsError, simulate
+from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.run.__main__ import main
 
 PAIR = (
@@ -85,6 +86,45 @@ def test_the_driver_takes_over_by_torque_and_hands_back(tmp_path: Path) -> None:
     plant = node(reports, "plant_emulator")
     assert plant["peak_m"] < 2.0
     assert abs(plant["final_m"]) < 0.3
+
+
+BOTH = ("--set", "controller.hand_wheel.steered_by=both", "--hand-wheel", "hands_off")
+NO_KICK = ("--set", "hand_wheel.driver.kicks=[]")
+LANE_CHANGE = ("--preset", "highway_nominal", "--preset", "highway_pd", "--duration", "8")
+
+
+def lost(message: str) -> tuple[str, str]:
+    fault = f"{{kind='drop', direction='uplink', message='{message}', onset_s=3}}"
+    return "--set", f"plant.faults=[{fault}]"
+
+
+@pytest.mark.parametrize(
+    ("options", "steered_by", "felt", "peak_m"),
+    [
+        (NO_KICK, "both", "active", 0.2),
+        ((*NO_KICK, *lost("STEERING_FORCE")), "both", "safe_stop", 0.2),
+        ((*NO_KICK, *lost("LATERAL_ERROR")), "driver", "active", 20.0),
+        (("--set", "hand_wheel.driver.kicks=[{at_s=5, lasts_s=0.2, torque_n_m=2.5}]",
+          "--set", "controller.hand_wheel.hand_back_s=9"),
+         "driver", "active", 20.0),
+    ],
+)  # fmt: skip
+def test_the_assist_holds_the_path_until_law_or_driver_ends_it(
+    tmp_path: Path, options: tuple[str, ...], steered_by: str, felt: str, peak_m: float
+) -> None:
+    _, reports = run(tmp_path, *LANE_CHANGE, *BOTH, *options)
+    assert node(reports, "controller")["driver"]["steered_by"] == steered_by
+    assert node(reports, "hand_wheel")["steered_by"] == steered_by
+    assert node(reports, "hand_wheel")["mode"] == felt
+    assert node(reports, "plant_emulator")["peak_m"] < peak_m
+
+
+def test_a_log_of_a_driver_is_not_called_limited(tmp_path: Path) -> None:
+    folder, _ = run(tmp_path, *PAIR, *DRIVEN, "--hand-wheel", "still", "--duration", "3")
+    report = tmp_path / "analysis.json"
+    log, out = str(folder / "candump.log"), str(tmp_path / "analysis")
+    assert analyze([log, "--out", out, "--json", str(report)]) == 0
+    assert '"limited_share": 0.0' in report.read_text()
 
 
 def test_when_the_hand_wheel_falls_silent_the_plant_straightens(tmp_path: Path) -> None:
