@@ -17,6 +17,9 @@ from ...controller.law_interface import Law
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...controller.settings import shared_vehicle as nominal_vehicle
+from ...hand_wheel.node import HandWheelNode
+from ...hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
+from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.node.settings_without_effect import never_varies
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
@@ -36,7 +39,8 @@ from ...runtime.settings import (
 )
 from ...runtime.settings.plugin import by_place
 from ..pair.agreed_period import pair_warnings, with_period_of
-from .simulated_run import ControllerTable, PlantTable, Run
+from ..pair.with_hand_wheel import with_hand_wheel
+from .simulated_run import ControllerTable, HandWheelTable, PlantTable, Run
 
 Engine = Literal["virtual", "compiled"]
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
@@ -45,6 +49,7 @@ _SIDES: Mapping[type[Settings], tuple[str, str]] = MappingProxyType(
     {
         PlantSettings: ("plant", PLANT_PRESETS),
         ControllerSettings: ("controller", CONTROLLER_PRESETS),
+        HandWheelSettings: ("hand_wheel", HAND_WHEEL_PRESETS),
     }
 )
 """What the settings of each side are called, and the package with its presets."""
@@ -90,6 +95,7 @@ def simulate(
     plant: str | Path | PlantSettings = "paper_nominal",
     controller: str | Path | ControllerSettings = "practical_pd_ddob",
     *,
+    hand_wheel: str | Path | HandWheelSettings | None = None,
     vehicle: str | Path | None = None,
     seed: int | None = None,
     duration_s: float | None = None,
@@ -106,6 +112,7 @@ def simulate(
 
     ``plant``, ``controller``  name of a preset, settings file (a path, or a text that ends with
                                .toml), or settings
+    ``hand_wheel``    as these two: adds a hand wheel with its driver to a virtual run
     ``vehicle``       file whose [vehicle] both take instead of their own, as ``design`` reads it
     ``seed``, ``duration_s``   of the plant; None keeps what its settings say
     ``law``           of the controller; None keeps what its settings say
@@ -113,8 +120,8 @@ def simulate(
                       gamma distribution, share of lost frames, 0 to 1; None keeps them
     ``latencies``     of the commands one by one [s], shape (frames,), in place of the first two;
                       after the last the first again
-    ``overrides``     other settings, by ``plant.table.key`` or ``controller.table.key``; a part of
-                      your own, as a ``LatencyModel``, stands for its place ``module:ATTRIBUTE``
+    ``overrides``     other settings, by ``plant.table.key``, ``controller.`` or ``hand_wheel.``; a
+                      part of your own, as a ``LatencyModel``, stands for ``module:ATTRIBUTE``
     ``engine``        virtual: the nodes in virtual time; compiled: the same numbers a hundred times
                       as fast after a first run that compiles, in fewer columns (``Run``)
     ``bus``           between the nodes of a virtual run: settings, a file of them as ``run
@@ -143,7 +150,7 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
         given |= GAMMA
     if own["latencies"] == []:
         raise SettingsError("latencies: holds none (allowed: one latency in seconds or more)")
-    values = by_side(given)
+    values = by_side(given, hand_wheel is not None)
     file = None if vehicle is None else Path(vehicle)
     of_plant, of_controller = plant_vehicle(file), nominal_vehicle(file)
     drives = settings_of(ControllerSettings, controller, values["controller"], of_controller)
@@ -151,25 +158,35 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
     if jitter_s and never_varies(driven.latency.downlink):
         raise SettingsError(f"jitter_s = {jitter_s:g}: needs a latency_s around which it varies")
     warnings = tuple(pair_warnings(driven, drives))
-    settings = driven, with_period_of(driven, drives)
+    drives, wheel = with_period_of(driven, drives), None
+    if hand_wheel is not None:
+        if engine == "compiled":
+            raise SettingsError("hand_wheel: compiled runs have none")
+        wheel = settings_of(HandWheelSettings, hand_wheel, values["hand_wheel"])
+        driven, drives, wheel = with_hand_wheel(driven, drives, wheel)
     if engine not in get_args(Engine):
         known = ", ".join(get_args(Engine))
         raise SettingsError(f"engine = {engine!r} is not a known one (allowed: {known})")
     if engine == "virtual":
-        run = _run_virtual(*settings, None if bus is None else _bus_settings(bus))
+        run = _run_virtual(driven, drives, wheel, None if bus is None else _bus_settings(bus))
         return run._replace(pair_warnings=warnings)
     if bus is not None:
         raise SettingsError("bus: in a compiled run frames take no time on the wire")
-    return _run_compiled(*settings)._replace(pair_warnings=warnings)
+    return _run_compiled(driven, drives)._replace(pair_warnings=warnings)
 
 
-def by_side(overrides: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return overrides by side, plant and controller; raises SettingsError for other keys."""
+def by_side(
+    overrides: Mapping[str, Any], has_hand_wheel: bool = False
+) -> dict[str, dict[str, Any]]:
+    """Return overrides by side: plant, controller, hand wheel; SettingsError for other keys."""
     values: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}}
+    if has_hand_wheel:
+        values["hand_wheel"] = {}
     for key, value in overrides.items():
         side, _, name = key.partition(".")
         if side not in values or not name:
-            raise SettingsError(f"overrides: key {key} starts with neither plant. nor controller.")
+            known = " nor ".join(f"{each}." for each in values)
+            raise SettingsError(f"overrides: key {key} starts with neither {known}")
         values[side][name] = value
     return values
 
@@ -220,7 +237,10 @@ def _bus_settings(given: str | Path | Mapping[str, Any] | BusSettings) -> BusSet
 
 
 def _run_virtual(
-    plant: PlantSettings, controller: ControllerSettings, bus: BusSettings | None
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    hand_wheel: HandWheelSettings | None,
+    bus: BusSettings | None,
 ) -> Run:
     from ...runtime.bus_model.transmit_queue import BusOverflowError
     from ..pair.virtual_bus import virtual_bus
@@ -233,6 +253,9 @@ def _run_virtual(
         plant.duration_ns // plant.sensor_period_ns + 2,
         (plant.duration_ns + START_S_MAX * NS_PER_S) // controller.period_ns + 2,
     )
+    samples_max = 0 if hand_wheel is None else plant.duration_ns // hand_wheel.cycle_ns
+    samples_max += START_S_MAX * 1000
+    wheel = None if hand_wheel is None else HandWheelNode(hand_wheel, 0, samples_max)
     try:
         run_virtual_nodes(
             pair.edge,
@@ -240,11 +263,13 @@ def _run_virtual(
             None if bus is None else virtual_bus(bus, plant.seed),
             None,
             waits_in_vain(pair.plant, START_S_MAX),
+            others=() if wheel is None else (wheel,),
         )
     except BusOverflowError as error:
         raise ValueError(f"bus: its bit rate is too low: {error}") from error
     if pair.plant.motion_start_ns == NEVER_NS:
         raise ValueError(f"no command reached the plant within {START_S_MAX} s of the start")
+    motion_ns = pair.plant.motion_start_ns
     plant_report, controller_report = dict(pair.edge.report()), dict(pair.controller.report())
     return Run(
         plant=PlantTable.of_samples(pair.plant.samples),
@@ -255,6 +280,9 @@ def _run_virtual(
         controller_report=controller_report,
         engine="virtual",
         outcome=plant_report["failure"] or controller_report["failure"] or "complete",
+        hand_wheel=None if wheel is None else HandWheelTable.of_node(wheel, motion_ns),
+        hand_wheel_settings=hand_wheel,
+        hand_wheel_report=wheel.report() if wheel else {},
     )
 
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from io import BytesIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ import numpy as np
 from ...controller.node.report_in_words import controller_summary
 from ...controller.node.run_figures import ControlSample
 from ...controller.settings import ControllerSettings
+from ...hand_wheel.node import HandWheelNode
+from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.evaluation.run_record import PlacedSample, PlantSample, place
 from ...plant_emulator.path.path_from_settings import build_path
@@ -139,6 +142,26 @@ class Track(NamedTuple):
     path_y_m: FloatArray
 
 
+class HandWheelTable(NamedTuple):
+    """The hand wheel, one row per cycle of it; to the left positive."""
+
+    time_s: FloatArray  #: since the start of motion
+    angle_rad: FloatArray
+    rate_rad_s: FloatArray
+    driver_torque_n_m: FloatArray
+    feedback_torque_n_m: FloatArray  #: that the motor makes
+    rack_force_n: FloatArray  #: as it was last heard; NaN for a law that reads none
+    mode: IntArray  #: Mode: 1 is ACTIVE
+    steered_by: IntArray  #: SteeredBy: 0 the law, 1 the driver, 2 both
+
+    @classmethod
+    def of_node(cls, node: HandWheelNode, start_ns: int) -> "HandWheelTable":
+        """Collect the samples of a node, in a run whose motion begins at ``start_ns``."""
+        columns = np.array(node.samples, dtype=np.float64).reshape(-1, len(cls._fields)).T.copy()
+        columns[0] -= start_ns / NS_PER_S
+        return cls(*columns[:-2], *columns[-2:].astype(np.int64))
+
+
 class Run(NamedTuple):
     """One run of plant emulator and controller.
 
@@ -148,6 +171,7 @@ class Run(NamedTuple):
     ``engine``                 virtual or compiled
     ``outcome``                complete, or what ended the run early
     ``pair_warnings``          what in the settings of the two does not go together
+    ``hand_wheel``             None without one
     """
 
     plant: PlantTable
@@ -159,6 +183,9 @@ class Run(NamedTuple):
     engine: str
     outcome: str
     pair_warnings: tuple[str, ...] = ()
+    hand_wheel: HandWheelTable | None = None
+    hand_wheel_settings: HandWheelSettings | None = None
+    hand_wheel_report: Mapping[str, Any] = MappingProxyType({})
 
     @property
     def warnings(self) -> list[str]:
