@@ -3,13 +3,7 @@
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import MofNCompleteColumn, Progress, ProgressColumn
 from rich.table import Table
 
 
@@ -28,7 +22,7 @@ def progress_bars(console: Console, *columns: ProgressColumn) -> Progress:
 
 def counting_bars(console: Console) -> Progress:
     """Return a bar with how many are done and how long the others take."""
-    return progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn())
+    return progress_bars(console, *Progress.get_default_columns(), MofNCompleteColumn())
 
 
 def plain_table(texts: Sequence[str], numbers: Sequence[str], title: str | None = None) -> Table:

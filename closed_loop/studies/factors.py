@@ -1,8 +1,7 @@
 """The factors of a study, and its points: which of their levels are run together.
 
-    grid              every combination, in a fixed order; the last factor varies fastest
-    latin_hypercube   ``count`` points, one in each of ``count`` layers of every factor
-    sobol             ``count`` points of a scrambled Sobol sequence; best as a power of two
+    grid    every combination, in a fixed order; the last factor varies fastest
+    sobol   ``count`` points of a scrambled Sobol sequence; best as a power of two
 
 A factor has levels, or a quantile function from which its values are drawn. Points are numbered,
 and each follows from its number.
@@ -94,7 +93,7 @@ def make_factor(settings: FactorSettings, is_grid: bool, where: str) -> Factor:
         if is_grid:
             raise SettingsError(
                 f"{where}: factor {name} has a distribution, which a grid has no points for: give "
-                "values or a range, or choose latin_hypercube or sobol in [sampling]"
+                "values or a range, or choose sobol in [sampling]"
             )
         return Factor(name, keys, None, quantile_of(settings.distribution))
     return _ranged(settings, name, keys, is_grid, where)
@@ -202,11 +201,8 @@ def _uniforms(sampling: SamplingSettings, count: int, factors: int) -> FloatArra
     from scipy.stats import qmc
 
     rng = np.random.default_rng(sampling.seed)  # scipy 1.14 calls it seed
-    if sampling.kind is SamplingKind.LATIN_HYPERCUBE:
-        points = qmc.LatinHypercube(factors, seed=rng).random(count)
-    else:
-        # A balanced sequence needs a power of two points; those beyond count are cut off.
-        points = qmc.Sobol(factors, seed=rng).random_base2(math.ceil(math.log2(count)))[:count]
+    # A balanced sequence needs a power of two points; those beyond count are cut off.
+    points = qmc.Sobol(factors, seed=rng).random_base2(math.ceil(math.log2(count)))[:count]
     return np.clip(np.asarray(points, dtype=np.float64), 2.0**-54, 1.0 - 2.0**-53)
 
 

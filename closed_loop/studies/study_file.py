@@ -4,7 +4,7 @@
                 presets, files, and variants of these
     [[factors]] each the settings key(s) it sets, with a list, a range, a distribution, or levels
                 that set several keys at once
-    [sampling]  grid, latin_hypercube or sobol; seed and replicates
+    [sampling]  grid or sobol; seed and replicates
     [verdict]   thresholds of the verdicts (``plant_emulator.evaluation.run_verdict``)
     [report]    what the report shows
 
@@ -24,7 +24,7 @@ from ...runtime.settings import Settings, load_settings
 LEVELS_MAX = 10_000
 """Levels of one factor."""
 POINTS_MAX = 1_000_000
-"""Points of a Latin hypercube or of a Sobol sequence, which are held in memory."""
+"""Points of a Sobol sequence, which are held in memory."""
 REPLICATES_MAX = 100_000
 
 LevelValue = bool | int | float | str | dict[str, Any]
@@ -173,7 +173,6 @@ class SamplingKind(StrEnum):
 
     GRID = "grid"
     """Every combination."""
-    LATIN_HYPERCUBE = "latin_hypercube"
     SOBOL = "sobol"
     """Scrambled."""
 

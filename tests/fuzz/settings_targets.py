@@ -184,7 +184,7 @@ _WORDS = (
     "pd", "pd_dob", "pd_cdob", "pd_ddob", "vehicle", "paper_eq19", "order_2", "type_2", "straight",
     "circle", "ellipse", "single_lane_change", "double_lane_change", "waypoints", "uniform",
     "normal", "lognormal", "gamma", "in_order", "as_arrives", "ramp", "step", "grid", "sobol",
-    "latin_hypercube", "log_uniform", "/dev/null", "..", "\x1b[2J", "a\nb", "\x00",
+    "log_uniform", "/dev/null", "..", "\x1b[2J", "a\nb", "\x00",
 )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
 
 from ...closed_loop.pair.live_bus import Channels
 from ...closed_loop.pair.live_pair import LivePair
@@ -43,8 +43,7 @@ def run_live(
 def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> None:
     """Show progress until every plant has finished; raises ProcessError if one does not."""
     start_s = time.monotonic()
-    columns = (TextColumn("{task.description}"), BarColumn(40), TimeRemainingColumn())
-    with Progress(*columns, console=console) as progress:
+    with Progress(console=console) as progress:
         task = progress.add_task(f"{len(pairs)} pairs in real time", total=duration_s)
         while sum(pair.plant_is_running for pair in pairs):
             elapsed_s = time.monotonic() - start_s

@@ -8,14 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import MofNCompleteColumn, Progress
 
 from ...closed_loop.reports.terminal import plain_console
 from ...closed_loop.studies.compiled_figures import short_windows
@@ -100,11 +93,8 @@ def _compute(
     if before:
         console.print(f"stored already: {before:,} runs in {store.folder}")
     begin_s = time.monotonic()
-    columns = (
-        *(TextColumn("{task.description}"), BarColumn(40), MofNCompleteColumn()),
-        *(TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()),
-    )
-    with Progress(*columns, console=console) as progress:
+    columns = Progress.get_default_columns()
+    with Progress(*columns, MofNCompleteColumn(), console=console) as progress:
         what = f"runs on {workers.description}"
         task = progress.add_task(what, total=runs, completed=before)
         is_complete = run_missing(store, workers, partial(progress.advance, task), stop)

@@ -180,15 +180,6 @@ def test_ranges_have_both_ends_and_no_digits_of_rounding() -> None:
     assert range_values(3.0, 3.0, None, 1) == [3.0]
 
 
-def test_a_latin_hypercube_has_one_point_in_every_layer() -> None:
-    factors = tuple(Factor(name, (name,), None, lambda u: u) for name in ("one", "two", "three"))
-    sampling = SamplingSettings(kind=SamplingKind.LATIN_HYPERCUBE, count=50)
-    uniforms = make_design(factors, sampling).uniforms
-    assert uniforms is not None
-    layers = np.sort(np.floor(50 * uniforms), axis=0)
-    np.testing.assert_array_equal(layers, np.tile(np.arange(50.0)[:, None], 3))
-
-
 def test_a_sobol_sequence_fills_every_quarter_and_goes_on_where_it_was() -> None:
     factors = tuple(Factor(name, (name,), None, lambda u: u) for name in ("one", "two"))
     few, many = (

@@ -138,7 +138,7 @@ def test_the_page_of_drawn_factors_is_the_same_whenever_it_is_written(
     drawn = STUDY.replace("values = [0.1, 0.9]", "start = 0.0\nstop = 0.9")
     drawn = drawn.replace("values = [0.0, 0.2]", "start = 0.0\nstop = 0.2")
     drawn = drawn.replace("duration_s = 8.0", "duration_s = 2.0").replace("at_s = 1.0", "at_s = 0")
-    drawn = drawn.replace("seed = 7", 'seed = 7\nkind = "latin_hypercube"\ncount = 50')
+    drawn = drawn.replace("seed = 7", 'seed = 7\nkind = "sobol"\ncount = 50')
     folder = computed(tmp_path, drawn)
     first = write(folder)[0].read_bytes()
     assert write(folder)[0].read_bytes() == first
