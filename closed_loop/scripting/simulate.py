@@ -143,13 +143,11 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
         "latency_s": latency_s,
         "jitter_s": jitter_s,
         "loss": loss,
-        "latencies": None if latencies is None else list(latencies),
+        "latencies": listed(latencies),
     }
     given = {**overrides, **{SHORT[key]: it for key, it in own.items() if it is not None}}
     if jitter_s:
         given |= GAMMA
-    if own["latencies"] == []:
-        raise SettingsError("latencies: holds none (allowed: one latency in seconds or more)")
     values = by_side(given, hand_wheel is not None)
     file = None if vehicle is None else Path(vehicle)
     of_plant, of_controller = plant_vehicle(file), nominal_vehicle(file)
@@ -173,6 +171,15 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
     if bus is not None:
         raise SettingsError("bus: in a compiled run frames take no time on the wire")
     return _run_compiled(driven, drives)._replace(pair_warnings=warnings)
+
+
+def listed(latencies: Sequence[float] | FloatArray | None) -> list[float] | None:
+    """Return latencies as the settings take them; SettingsError where there is none."""
+    if latencies is None:
+        return None
+    if not len(latencies):
+        raise SettingsError("latencies: holds none (allowed: one latency in seconds or more)")
+    return [float(latency_s) for latency_s in latencies]
 
 
 def by_side(

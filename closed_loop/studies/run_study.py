@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...controller.law_interface import Law
 from ...runtime.settings import SettingsError, with_values
 from ...runtime.settings.plugin import by_place
-from ..scripting.simulate import GAMMA, NO_OVERRIDES, SHORT, by_side
+from ..scripting.simulate import GAMMA, NO_OVERRIDES, SHORT, by_side, listed
 from .compiled_runs import Computer
 from .result_files import Store, columns_of
 from .scenario import Scenarios
@@ -76,6 +76,7 @@ def sweep(
     latency_s: float | None = None,
     jitter_s: float | None = None,
     loss: float | None = None,
+    latencies: Sequence[float] | NDArray[Any] | None = None,
     overrides: Mapping[str, Any] = NO_OVERRIDES,
 ) -> Mapping[str, NDArray[Any]]:
     """Run every combination of values; returns columns of shape (runs,) as ``run_study``.
@@ -99,6 +100,7 @@ def sweep(
         "latency_s": latency_s,
         "jitter_s": jitter_s,
         "loss": loss,
+        "latencies": listed(latencies),
     }
     given = {**overrides, **{key: value for key, value in own.items() if value is not None}}
     factors = {key: list(values) for key, values in over.items() if key != "controller"}

@@ -70,6 +70,9 @@ def test_a_sweep_has_a_row_for_every_combination_and_each_is_the_run_of_simulate
     assert table["rms_m"][row] == run.rms_m
     alike = sweep({}, controller="practical_pid", duration_s=3.0, latency_s=0.1, jitter_s=0.02)
     assert alike["rms_m"][0] == sweep({"jitter_s": [0.02]}, **ALIKE)["rms_m"][0]
+    listed = {"latencies": [0.1] * 400, "duration_s": 3.0}
+    (by_list,) = sweep({}, **listed)["rms_m"]
+    assert by_list == simulate(**listed, engine="compiled").rms_m
     assert len(np.unique(table["rms_m"])) > len(np.unique(table["rms_m"][table["jitter_s"] == 0]))
 
 
@@ -97,6 +100,7 @@ def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set
         ({"over": {"loss": [2.0]}}, r"loss = 2\.0 should be less than or equal to 1"),
         ({"over": {"controller": ["practical_p"]}}, r"practical_p.*did you mean practical_pd"),
         ({"over": {"plant": ["paper_nominal"]}}, r"sweep over plant: takes one; sweep over keys"),
+        ({"over": {}, "latencies": []}, "latencies: holds none"),
         ({"over": {}, "overrides": {"sed": 1}}, r"key sed starts with neither plant\. nor"),
     ],
 )
