@@ -48,7 +48,7 @@ def examine() -> tuple[Section, ...]:
         Section(
             "CAN on this machine", (_kernel_can(), *_interfaces(), _programs(), find_adapters())
         ),
-        Section("ways to a vcan0 (tools/with_vcan)", (*_ways_to_vcan(),)),
+        Section("ways to a vcan0 (steer-by-wire with-vcan)", (*_ways_to_vcan(),)),
         Section("the programs without -i", (_choice(),)),
         Section("real time", (*_rights(),)),
     )
@@ -62,7 +62,7 @@ def _kernel_can() -> Finding:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
         advice = "sudo modprobe can-raw (on Ubuntu first: sudo apt-get install "
-        advice += "linux-modules-extra-$(uname -r)); or tools/with_vcan; or the emulated bus"
+        advice += "linux-modules-extra-$(uname -r)); steer-by-wire with-vcan; or the emulated bus"
         return Finding(name, False, f"socket(AF_CAN): {error.strerror}", advice)
     return Finding(name, True, "socket(AF_CAN) opens")
 
@@ -118,7 +118,7 @@ def find_adapters() -> Finding:
     if any(kind not in (*NO_ADAPTERS, "serial") for kind in channels):
         return Finding(name, True, "; ".join(shown))
     detail = "; ".join(["python-can detects none", *shown])
-    return Finding(name, False, detail, "docs/interfaces.md names the drivers")
+    return Finding(name, False, detail, "the documentation of python-can names their drivers")
 
 
 def _shortened(interface: str, channels: Sequence[str]) -> str:
