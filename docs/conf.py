@@ -64,7 +64,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": "gallery",
     "filename_pattern": r"/\w+\.py$",
     # It needs a bus, and is shown where its protocol is explained.
-    "ignore_pattern": r"/foreign_\w+\.py$",
+    "ignore_pattern": r"^foreign_\w+\.py$",
     # An example writes its pictures to files; a notebook also shows them.
     "last_notebook_cell": (
         "from pathlib import Path\n"
