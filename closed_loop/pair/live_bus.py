@@ -78,6 +78,7 @@ def open_channels(
         return
     traffic_of(settings, seed)  # a mistake in a database is reported here, not by the broker
     file = log.with_name("bus.toml")
+    file.parent.mkdir(parents=True, exist_ok=True)
     write_text(file, dump_toml(settings))
     options = ["--bus-settings", str(file), "--seed", str(seed)]
     with log.open("w", encoding="utf-8") as output, launched_broker(options, output) as address:

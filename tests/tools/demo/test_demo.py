@@ -31,8 +31,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo")
-    with chdir(folder), no_workers():  # not where the folders of the programs are
+    folder = tmp_path_factory.mktemp("demo") / "new"
+    with chdir(folder.parent), no_workers():  # not where the folders of the programs are
         words = ["--bus", "emulated", "--duration", "2", "--out", str(folder)]
         assert demo.main(words) == 0
     return folder
