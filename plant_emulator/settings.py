@@ -43,10 +43,15 @@ PRESETS = "steer_by_wire.plant_emulator.presets"
 
 
 def shared_vehicle(file: Path | None) -> SharedTable | None:
-    """Return [vehicle] of a file that the controller reads too; raises SettingsError."""
-    return (
-        None if file is None else SharedTable(str(file), {"vehicle": read_table(file, "vehicle")})
-    )
+    """Return [vehicle] of a file that the controller reads too, and its [car] if there is one.
+
+    Raises SettingsError.
+    """
+    if file is None:
+        return None
+    car = read_table(file, "car", {})
+    tables = {"vehicle": read_table(file, "vehicle")} | ({"car": car} if car else {})
+    return SharedTable(str(file), tables)
 
 
 class PlantSettings(Settings):

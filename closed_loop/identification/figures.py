@@ -187,7 +187,7 @@ class _Bounds(NamedTuple):
         """Return the ends by the profile, where the covariance alone would not do."""
         sought = {one.name: one for one in self.found.problem.parameters}
         if quantity.name == "dead_time_s":
-            return self._of_dead_time()
+            return self._of_dead_time(low, high)
         parameter = sought.get(quantity.source)
         if parameter is None or self.progress is None:
             return low, high
@@ -215,10 +215,12 @@ class _Bounds(NamedTuple):
                 ends.append(quantity.function(moved))
         return min(ends), max(ends)
 
-    def _of_dead_time(self) -> tuple[float, float]:
-        """Return the ends for any lag that the log allows; a lag near 0 has no slope."""
+    def _of_dead_time(self, low: float, high: float) -> tuple[float, float]:
+        """Return the ends for any lag that the log allows, if that may be 0: it has no slope."""
         at = self.found.problem.place("lag_squared_s2")
         half = self.found.critical * sqrt(float(self.found.covariance[at, at]))
+        if self.found.x[at] > half:
+            return low, high
         longest_s = sqrt(max(self.found.x[at] + half, 0.0))
         shortest_s = sqrt(max(self.found.x[at] - half, 0.0))
         place = self.found.problem.place("delay_and_lag_s")

@@ -6,9 +6,9 @@ A command takes effect somewhere within a period of the plant's samples; where i
 dead time is known only within a period, and a rate limit only as the fastest motion seen.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from math import exp
+from math import exp, isnan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,24 +51,29 @@ def identify_steering(
     command = command[known][np.searchsorted(numbers[known], numbers, side="right") - 1]
     judged = known.copy()
     judged[: round(1.0 / period_s)] = False
+    measured = np.where(known, np.nan, wheel)
 
     def errors(x: FloatArray) -> FloatArray:
         seen = np.empty(len(command))
         lag_s, dead_s, play_rad = x * scale
-        _follow(command, wheel[0], period_s / _STEPS, lag_s, dead_s / period_s, play_rad, seen)
+        begin = measured, wheel[0]
+        _follow(command, begin, period_s / _STEPS, lag_s, dead_s / period_s, play_rad, seen)
         off: FloatArray = (wheel - seen)[judged] / _QUANTUM_RAD
         return off
 
     scale = np.array([0.02, 0.02, 1e-3])
-    starts = [(lag, dead, 0.1) for lag in (1.0, 8.0) for dead in (0.5, 5.0)]
     limits = ([5e-3, 0.0, 0.0], [100.0, 50.0, 50.0])
-    found = min(
-        (
-            least_squares(errors, x, bounds=limits, jac=partial(_differences, errors))
-            for x in starts
-        ),
-        key=lambda one: float(one.cost),
-    )
+
+    def best(starts: Iterable[Sequence[float] | FloatArray]) -> Any:
+        slopes = partial(_differences, errors)
+        ends = [least_squares(errors, x, bounds=limits, jac=slopes) for x in starts]
+        return min(ends, key=lambda one: float(one.cost))
+
+    rough = best((lag, dead, 0.1) for lag in (1.0, 8.0) for dead in (0.5, 5.0))
+    # Their sum is in a narrow valley: along it there may be a lower place.
+    total = float(rough.x[0] + rough.x[1])
+    shares = np.linspace(0.02, 1.0, 6)
+    found = best([rough.x, *((share * total, total - share * total, 0.1) for share in shares)])
     spread = np.sqrt(np.mean(found.fun**2))
     information = found.jac.T @ found.jac
     deviations = max(spread, 0.3) * np.sqrt(np.diagonal(np.linalg.pinv(information))) * scale
@@ -125,11 +130,14 @@ def _figure(name: str, unit: str, value: float, low: float, high: float, enough:
 
 @compiled
 def _follow(
-    command: Any, wheel_rad: float, h_s: float, lag_s: float, dead: float, play: float, seen: Any
+    command: Any, begin: Any, h_s: float, lag_s: float, dead: float, play: float, seen: Any
 ) -> None:
+    measured, wheel_rad = begin
     kept = exp(-h_s / lag_s)
     last = len(command) - 1
     for sample in range(len(command)):
+        # After a command that is not known the wheel is where it was measured.
+        wheel_rad = wheel_rad if isnan(measured[sample]) else measured[sample]
         seen[sample] = wheel_rad
         for step in range(_STEPS):
             # As if each command had come right behind the sample before the first to name it.

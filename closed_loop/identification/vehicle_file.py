@@ -32,6 +32,12 @@ _VEHICLE = (
     "rear_axle_distance_m",
     "preview_distance_m",
 )
+_BOX = {
+    "front_stiffness_per_mass_n_rad_kg": "front_cornering_stiffness_n_rad",
+    "rear_stiffness_per_mass_n_rad_kg": "rear_cornering_stiffness_n_rad",
+    "yaw_inertia_per_mass_m2": "yaw_inertia_kg_m2",
+}
+"""Figures whose intervals are the bounds of a design."""
 _CAR = ("friction", "cg_height_m", "front_relaxation_m", "rear_relaxation_m")
 
 
@@ -68,6 +74,13 @@ def vehicle_toml(found: Fit, figures: Sequence[Figure], speed_m_s: float, source
     lines += [f"# {figure_line(figure)}" for figure in figures if ":" not in figure.name]
     lines += ["", "[vehicle]", f"speed_m_s = {speed_m_s:.4g}"]
     lines += [f"{key} = {getattr(vehicle, key):.6g}" for key in _VEHICLE]
+    mass_kg = vehicle.virtual_mass_kg
+    bounds = [
+        f"{_BOX[one.name]} = [{mass_kg * one.low:.6g}, {mass_kg * one.high:.6g}]"
+        for one in figures
+        if one.name in _BOX and one.verdict is Verdict.IDENTIFIED
+    ]
+    lines += ["", "[uncertainty]  # for design", *bounds]
     lines += ["", "[car]", *(f"{key} = {getattr(car, key):.6g}" for key in _CAR)]
     lines += ["", "[identified]", *(f"{key} = {values[key]:.6g}" for key in _KEYS)]
     lines.append(f"lateral_acceleration_ahead_m = {known.lateral_acceleration_ahead_m:g}")

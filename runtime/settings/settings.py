@@ -113,9 +113,11 @@ def preset_title(package: str, name: str) -> str:
     return re.split(r"(?<=\.)\s(?=[A-Z])", " ".join(line.strip("# ") for line in lines))[0]
 
 
-def read_table(file: Path, name: str) -> Mapping[str, Any]:
-    """Return the table ``name`` of a TOML file; raises SettingsError."""
-    table = _parse(read_text(file), str(file)).get(name)
+def read_table(
+    file: Path, name: str, default: Mapping[str, Any] | None = None
+) -> Mapping[str, Any]:
+    """Return the table ``name`` of a TOML file, or the default; raises SettingsError."""
+    table = _parse(read_text(file), str(file)).get(name, default)
     if not isinstance(table, dict):
         raise SettingsError(f"{file}: has no table [{name}]")
     return table

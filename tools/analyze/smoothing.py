@@ -5,11 +5,7 @@ The Kalman filter and the Rauch-Tung-Striebel smoother are filterpy's. The model
 angle that the plant reports, seen by y and Δψ; d is a steering offset, which is also what a side
 force or a bank look like.
 
-The steering's lag T is fitted to the commands u that the plant's echoes name, by least squares:
-
-    δ[k+1] = α δ[k] + b u[k] + (1 - α - b) u[k+1],  α = exp(-P/T),  P the sensors' period
-
-where b is when in between they changed. A part of the lag that is dead time counts as delay.
+The steering's lag is that of ``steer-by-wire identify``, apart from its dead time.
 
 A value and its standard deviation are what the model makes of the record: a wrong vehicle is not in
 the deviation.
@@ -27,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from ...closed_loop.identification.steering import identify_steering
 from ...closed_loop.recordings.bus_listener import command_at
 from ...closed_loop.recordings.log_analysis import LoggedMessages
 from ...closed_loop.recordings.log_state import LogError
@@ -117,29 +114,6 @@ def _smoothed_with_input(
 
 
 _SAMPLES_MIN = 100
-_WHEEL_STEP_RAD = 1e-5
-"""Resolution of the wheel angle."""
-
-
-def fit_lag(period_s: float, wheel_rad: FloatArray, command_rad: FloatArray) -> tuple[float, float]:
-    """Return the steering's lag and its standard deviation [s]; infinite where nothing shows it.
-
-    ``command_rad``  the command in effect at each sample; NaN where it is not known or not followed
-    """
-    before, command = command_rad[:-1], command_rad[1:]
-    rows = np.column_stack((wheel_rad[:-1] - command, before - command))
-    target = wheel_rad[1:] - command
-    shows = np.isfinite(rows).all(axis=1) & (np.abs(rows) > _WHEEL_STEP_RAD).any(axis=1)
-    if shows.sum() < _SAMPLES_MIN:
-        return 0.0, np.inf
-    (alpha, b), *_ = np.linalg.lstsq(rows[shows], target[shows], rcond=None)
-    left_rad = target[shows] - rows[shows] @ (alpha, b)
-    spread = np.linalg.pinv(rows[shows].T @ rows[shows])[0, 0]
-    deviation = np.sqrt(spread) * max(float(np.std(left_rad)), _WHEEL_STEP_RAD / np.sqrt(12.0))
-    if not 0.0 < alpha < 1.0:
-        return 0.0, np.inf if alpha >= 1.0 else period_s
-    lag_s = -period_s / np.log(alpha)
-    return float(lag_s), float(deviation * lag_s**2 / (alpha * period_s))
 
 
 def delay_of(round_trip: Mapping[str, Any]) -> dict[str, Any]:
@@ -231,9 +205,12 @@ class SmoothedTable:
         self.figures = {
             name: {"mean": float(mean), "mean_std": float(std)} for name, mean, std in means
         }
-        lag_s, deviation_s = fit_lag(period_s, wheel_rad, command_rad)
-        if np.isfinite(deviation_s):
-            self.figures["steering_lag_s"] = {"mean": lag_s, "mean_std": deviation_s}
+        steering = identify_steering(time_s, wheel_rad, command_rad)
+        if steering is not None:
+            lag = steering.figures[0]
+            # The interval is of 95 %.
+            deviation_s = (lag.high - lag.low) / 3.92
+            self.figures["steering_lag_s"] = {"mean": lag.value, "mean_std": deviation_s}
 
     def _by_sample(self, first: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what was measured at each sample, the wheel, and the command in effect."""

@@ -7,7 +7,7 @@ virtual_mass_kg = 2000
 virtual_mass_kg = [1600, 5000]
 """
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import model_validator
 
@@ -34,6 +34,9 @@ class VehicleFile(Settings):
     vehicle: VehicleTable
     uncertainty: VehicleRanges = VehicleRanges()
     """[minimum, maximum] of any of the vehicle's parameters."""
+    car: dict[str, Any] | None = None
+    identified: dict[str, float] | None = None
+    """Both are in files of ``steer-by-wire identify``; a design needs neither."""
 
     @property
     def box(self) -> UncertaintyBox:

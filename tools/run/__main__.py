@@ -96,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_side_arguments(parser, CONTROLLER_PRESET)
     parser.add_argument(
         "--vehicle", type=Path, metavar="VEHICLE.toml",
-        help="take the vehicle of plant and controller from [vehicle] of a file",
+        help="take the vehicle of plant and controller from [vehicle] and [car] of a file",
     )  # fmt: skip
     parser.add_argument(
         "--duration", type=seconds, metavar="SECONDS", help="duration of the motion"

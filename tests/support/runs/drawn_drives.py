@@ -16,6 +16,8 @@ from steer_by_wire.closed_loop.identification.time_series import Channel, Quanti
 from steer_by_wire.runtime.array_types import FloatArray
 
 PERIOD_S = 0.01
+_STEP_RAD = 0.0017
+"""Of the hand wheel's sensor."""
 TURNING_MS2 = 4.0
 """Lateral acceleration of the sweep."""
 
@@ -119,10 +121,11 @@ def log_of(
         np.array([0, len(steps)]), np.zeros(1), wheel, speed_m_s, _slope(speed_m_s), np.empty(0)
     )
     response = respond(grid, still, Problem((), (), {}, Known(), ()))
-    time_s = steps * STEP_S
+    # The sensor's steps lie anywhere: straight on is within one, and not in its middle.
+    time_s, zero_rad = steps * STEP_S, float(rng.uniform(-0.5, 0.5)) * _STEP_RAD
     side = Quantity.LATERAL_ACCELERATION
     channels = [
-        _measured(Quantity.HAND_WHEEL, time_s, steering_rad, rng, 0.0, 0.0017),
+        _measured(Quantity.HAND_WHEEL, time_s, steering_rad + zero_rad, rng, 0.0, _STEP_RAD),
         _measured(Quantity.SPEED, time_s, speed_m_s, rng, 0.0, 0.01),
         _measured(
             Quantity.YAW_RATE,
@@ -151,7 +154,12 @@ def log_of(
             front_axle_distance_m=car["front_share"] * car["wheelbase_m"],
             steering_ratio=car["steering_ratio"],
         )
-    truth = {**car, **{f"{name}:delay_s": value for name, value in (delays_s or {}).items()}}
+    offset_rad = car["steering_offset_rad"] - zero_rad
+    truth = {
+        **car,
+        "steering_offset_rad": offset_rad,
+        **{f"{name}:delay_s": value for name, value in (delays_s or {}).items()},
+    }
     return DrawnDrive(channels, truth, known)
 
 

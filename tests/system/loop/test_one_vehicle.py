@@ -33,6 +33,15 @@ def test_plant_controller_and_design_read_the_same_vehicle() -> None:
     assert rig.speed_m_s != VehicleSettings().speed_m_s
 
 
+def test_a_car_in_the_file_makes_the_plant_that_car(tmp_path: Path) -> None:
+    file = tmp_path / "vehicle.toml"
+    file.write_text(SHIPPED.read_text() + "[car]\nfriction = 0.7\n[identified]\n")
+    settings = load_settings(PlantSettings, shared=plant.shared_vehicle(file))
+    assert settings.car is not None
+    assert settings.car.friction == 0.7
+    assert load_settings(VehicleFile, file=file).vehicle.speed_m_s == 12.5
+
+
 def test_the_command_line_is_above_the_vehicle_file() -> None:
     settings = load_settings(
         ControllerSettings,

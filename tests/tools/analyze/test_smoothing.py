@@ -13,13 +13,9 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.settings import DoubleLaneChangeSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
+from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.tools.analyze.__main__ import main as analyze
-from steer_by_wire.tools.analyze.smoothing import (
-    VEHICLE_STATES,
-    fit_lag,
-    smooth_vehicle,
-)
+from steer_by_wire.tools.analyze.smoothing import VEHICLE_STATES, smooth_vehicle
 from steer_by_wire.tools.run.__main__ import main as run_loop
 from tests.support.runs.unguarded import UNGUARDED
 from tests.support.suite.unrendered import unrendered as unrendered
@@ -35,12 +31,11 @@ def vehicle() -> VehicleModelSettings:
     return CONTROLLER.nominal_model
 
 
-def driven(lag_s: float = 0.0) -> CompiledRun:
+def driven() -> CompiledRun:
     plant = PlantSettings(
         duration_s=20.0,
         vehicle=VehicleSettings(speed_m_s=SPEED_M_S),
         path=DoubleLaneChangeSettings(kind="double_lane_change"),
-        actuator=ActuatorSettings(lag_s=lag_s),
         latency=BothLatencySettings(downlink=LatencySettings(mean_s=0.1)),
         safety=UNGUARDED,
     )
@@ -75,19 +70,6 @@ def test_states_and_offset_are_found_with_errors_as_large_as_stated(offset_rad: 
         assert 0.2 < np.sqrt(np.mean((error / stated) ** 2)) < 1.2, name
     errors = smoothed.values[:, VEHICLE_STATES.index("lateral_error_m")] - run.lateral_error_m
     assert np.std(errors) < 0.35 * 0.002  # of the noise of one measurement
-
-
-@pytest.mark.parametrize("lag_s", [0.02, 0.27])
-def test_a_lag_is_found_within_three_of_its_deviations(lag_s: float) -> None:
-    run = driven(lag_s)
-    found_s, deviation_s = fit_lag(PERIOD_S, run.wheel_angle_rad, run.command_rad)
-    assert abs(found_s - lag_s) < max(3.0 * deviation_s, 1e-3 * lag_s)
-    assert deviation_s < 0.1 * lag_s
-
-
-def test_a_wheel_that_never_moves_shows_no_lag() -> None:
-    still = np.zeros(200)
-    assert fit_lag(PERIOD_S, still, still) == (0.0, np.inf)
 
 
 @pytest.mark.usefixtures("unrendered")
