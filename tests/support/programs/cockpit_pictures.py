@@ -1,7 +1,7 @@
 """Takes the pictures of the cockpit: python -m tests.support.programs.cockpit_pictures [moving]
 
-One picture is of a live run, on an idle machine, since its chart of the round trip shows
-what else it had to do. ``moving`` takes the others alone, of runs in virtual time.
+Two are of live runs, on an idle machine, since their charts of the round trip show what else it
+had to do. ``moving`` takes the other alone, of runs in virtual time.
 """
 
 import base64
@@ -18,19 +18,22 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.settings import with_values
 from steer_by_wire.tools.cockpit.page import single_page
-from steer_by_wire.tools.cockpit.replay import read_replay, read_replays
-from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
+from steer_by_wire.tools.cockpit.replay import read_replay
 from tests.support.programs.browser import Browser, chromium, open_browser
 from tests.support.programs.cockpit_run import cockpit
 
 FOLDER = Path(__file__).resolve().parents[3] / "docs" / "images"
 DARK = [{"name": "prefers-color-scheme", "value": "dark"}]
-_FOUR, _FOUR_S = "Four laws at 160 ms", 40.0
+_LIVE = {
+    "cockpit.png": ("DDOB at 80 ms", 1, 0.085),
+    "cockpit_four.png": ("Four laws at 160 ms", 4, 0.165),
+}
+"""By the picture's name: scenario, lanes and round trip."""
 _SPAN_S = 15
 _SETTLED = f"""cockpit.nowS > {_SPAN_S + 5} && cockpit.lanes.every((rows) =>
     rows.columns.round_trip_s
         .subarray(rows.indexAt(cockpit.nowS - {_SPAN_S}), rows.length)
-        .every((trip) => Math.abs(trip - 0.085) < 0.03))"""
+        .every((trip) => Math.abs(trip - {{}}) < 0.03))"""
 """Whether every lane was driven in time in all that the charts show; no number is not in time."""
 _PATIENCE_S = 600.0
 
@@ -49,48 +52,29 @@ def main() -> None:
     with open_browser(program) as browser:
         browser.call("Emulation.setEmulatedMedia", features=DARK)
         take_moving(browser)
-        take_four(browser)
         if sys.argv[1:] != ["moving"]:
             take_live(browser)
 
 
 def take_live(browser: Browser) -> None:
-    """Take one lane behind a gust."""
-    with cockpit("--bus", "emulated") as address:
-        open_small(browser, address)
-        browser.read("document.getElementById('gust').click()")
-        browser.wait_for(f"cockpit.nowS > {browser.read('cockpit.nowS')} + 3")
-        shoot(browser, FOLDER / "cockpit.png")
+    """Take one lane and four, each behind a gust."""
+    for file, (title, lanes, round_trip_s) in _LIVE.items():
+        with cockpit("--bus", "emulated", "--scenario", title) as address:
+            open_small(browser, address, lanes, round_trip_s)
+            browser.read("document.getElementById('gust').click()")
+            browser.wait_for(f"cockpit.nowS > {browser.read('cockpit.nowS')} + 3")
+            shoot(browser, FOLDER / file)
 
 
-def take_four(browser: Browser) -> None:
-    """Take the recordings of four laws on one network, beside each other."""
-    (scenario,) = (one for one in scenarios() if one.title == _FOUR)
-    with tempfile.TemporaryDirectory() as folder:
-        logs = []
-        for lane in lane_settings(scenario):
-            assert lane.controller is not None
-            plant = with_values(lane.plant, {"duration_s": _FOUR_S}, _FOUR)
-            logs.append(Path(folder) / f"{lane.label}.log")
-            run_virtual_pair(plant, lane.controller, candump_log=logs[-1])
-        page = Path(folder) / "four.html"
-        page.write_text(single_page(read_replays(logs), _FOUR), encoding="utf-8")
-        browser.resize(1280, 720)
-        browser.open(page.as_uri())
-        browser.wait_for("window.cockpit?.drawn > 0")
-        browser.read(f"cockpit.player.toggle(); cockpit.player.seek({_FOUR_S - 10})")
-        shoot(browser, FOLDER / "cockpit_four.png")
-
-
-def open_small(browser: Browser, address: str) -> None:
+def open_small(browser: Browser, address: str, lanes: int, round_trip_s: float) -> None:
     """Open the page, and wait until its charts are full of lanes that have settled.
 
     Small, since drawing without a graphics processor takes the time that the lanes need.
     """
     browser.resize(320, 160)
     browser.open(address)
-    browser.wait_for("window.cockpit?.lanes.length === 1")
-    browser.wait_for(_SETTLED, _PATIENCE_S)
+    browser.wait_for(f"window.cockpit?.lanes.length === {lanes}")
+    browser.wait_for(_SETTLED.format(round_trip_s), _PATIENCE_S)
 
 
 def shoot(browser: Browser, file: Path) -> None:
