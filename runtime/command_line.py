@@ -10,7 +10,6 @@ import importlib
 import logging
 import math
 import os
-import re
 import select
 import shutil
 import signal
@@ -134,20 +133,6 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-_WITH_UNIT = re.compile(r"(\d+\.?\d*) ?(us|ms|s|min|mm|cm|m|km)")
-_IN_SI = {
-    ("us", "s"): 1e-6,
-    ("ms", "s"): 1e-3,
-    ("s", "s"): 1.0,
-    ("min", "s"): 60.0,
-    ("mm", "m"): 1e-3,
-    ("cm", "m"): 1e-2,
-    ("m", "m"): 1.0,
-    ("km", "m"): 1e3,
-}
-"""What a number with a unit is in the option's own unit."""
-
-
 def number(
     low: float, high: float, unit: str = "", *, excludes_low: bool = False
 ) -> Callable[[str], float]:
@@ -161,10 +146,7 @@ def number(
         except ValueError:
             value = math.nan
         if not low <= value <= high or (excludes_low and value == low):
-            written = _WITH_UNIT.fullmatch(text)
-            scale = _IN_SI.get((written[2], unit)) if written else None
-            mend = f" (did you mean {float(written[1]) * scale:g}?)" if written and scale else ""
-            raise argparse.ArgumentTypeError(f"allowed is {allowed}, not {text[:60]!r}{mend}")
+            raise argparse.ArgumentTypeError(f"allowed is {allowed}, not {text[:60]!r}")
         return value
 
     return read

@@ -18,7 +18,7 @@ import numpy as np
 from ...plant_emulator.network.latency_correlation import uniform_of_score
 from ...plant_emulator.network.latency_distributions import RESOLUTION_S, Distribution
 from ...plant_emulator.network.latency_over_time import profile_at
-from ...plant_emulator.network.loss import LossParams, bernoulli, gilbert_elliott, loss_step
+from ...plant_emulator.network.loss import LossParams, bernoulli, gilbert, loss_step
 from ...plant_emulator.network.random_streams import Stream, first_uniforms
 from ...plant_emulator.network.settings import LatencySettings, Order
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
@@ -88,11 +88,7 @@ def passages(settings: LatencySettings, seed: int, channel: Stream, frames: Fram
 
 
 def _is_lossy(settings: LatencySettings) -> bool:
-    return (
-        settings.loss > 0.0
-        or settings.loss_in_good > 0.0
-        or any(point.loss > 0.0 for point in settings.schedule)
-    )
+    return settings.loss > 0.0 or any(point.loss > 0.0 for point in settings.schedule)
 
 
 def _has_jitter(settings: LatencySettings) -> bool:
@@ -123,9 +119,7 @@ def _losses(settings: LatencySettings, loss: FloatArray, u: FloatArray) -> BoolA
 def _chain(settings: LatencySettings, loss: float) -> LossParams:
     if settings.burst_frames is None:
         return bernoulli(loss)
-    return gilbert_elliott(
-        loss, settings.burst_frames, settings.loss_in_good, settings.loss_in_burst
-    )
+    return gilbert(loss, settings.burst_frames)
 
 
 @compiled

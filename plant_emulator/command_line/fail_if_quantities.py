@@ -9,13 +9,7 @@ from ..evaluation.run_verdict import Verdict
 
 def _driven(key: str) -> Quantity:
     """Return a figure that exists only if the vehicle has moved."""
-
-    def read(report: Report) -> float | None:
-        node = report["node"]
-        value: float | None = node[key] if node["samples"] else None
-        return value
-
-    return Quantity(read)
+    return Quantity(lambda report: report["node"][key] if report["node"]["samples"] else None)
 
 
 def _outside(report: Report) -> float | None:

@@ -18,7 +18,7 @@ from ...runtime.node import NS_PER_S
 from .latency_correlation import correlated_score, uniform_of_score
 from .latency_distributions import QUANTILES, Distribution
 from .latency_over_time import profile_at
-from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
+from .loss import LossParams, bernoulli, gilbert, loss_step
 from .settings import LatencySettings
 
 
@@ -115,7 +115,5 @@ class LatencyDraw:
         return uniform_of_score(self._score)
 
     def _loss_params(self, loss: float) -> LossParams:
-        table = self._settings
-        if table.burst_frames is None:
-            return bernoulli(loss)
-        return gilbert_elliott(loss, table.burst_frames, table.loss_in_good, table.loss_in_burst)
+        burst_frames = self._settings.burst_frames
+        return bernoulli(loss) if burst_frames is None else gilbert(loss, burst_frames)

@@ -113,9 +113,7 @@ class LatencySettings(Settings):
     loss: Probability = 0.0
     """Long-run share of lost frames."""
     burst_frames: float | None = Field(None, ge=1.0, le=1e6)
-    """Mean length of a burst of loss (Gilbert-Elliott); default: independent losses."""
-    loss_in_good: Probability = 0.0
-    loss_in_burst: Probability = 1.0
+    """Mean length of a burst of loss; default: independent losses."""
     order: Order = Order.NEWEST_WINS
     schedule: tuple[SchedulePoint, ...] = Field((), max_length=100_000)
     """Replaces mean_s, spread_s and loss."""
@@ -130,8 +128,6 @@ class LatencySettings(Settings):
     def _fits_together(self) -> Self:
         if self.model is Distribution.CONSTANT and self.spread_s > 0.0:
             raise ValueError("spread_s needs a model other than 'constant'")
-        if self.loss_in_good >= self.loss_in_burst:
-            raise ValueError("loss_in_good must be below loss_in_burst")
         for earlier, later in pairwise(self.schedule):
             if later.time_s < earlier.time_s:
                 raise ValueError(

@@ -13,15 +13,15 @@ import time
 from contextlib import suppress
 
 import can
-from can.bus import BusState, CanProtocol
+from can.bus import CanProtocol
 from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
 from ..frame import ERROR_STATE, REMOTE_LENGTH_SHIFT, Frame
+from ..frame.length_with_stuff_bits import padded_length
 from ..frame.message import frame_of, message_of
 from .address import AddressError, connect, default_address, parse_address
 from .protocol import (
     ANSWER,
-    FD_LENGTHS,
     OWN,
     Answer,
     Hello,
@@ -77,7 +77,6 @@ class EmulatedBus(can.BusABC):
         self._channel = hello.channel
         self._record = record_format(fd)
         self._partial = b""
-        self._is_lost = False
         # send_periodic sends from another thread.
         self._send_lock = threading.Lock()
         self._can_protocol = CanProtocol.CAN_FD if fd else CanProtocol.CAN_20
@@ -146,10 +145,9 @@ class EmulatedBus(can.BusABC):
                 raise self._lost(error) from error
 
     def _lost(self, error: Exception | None) -> can.CanOperationError:
-        """Record the loss of the connection; returns the error to raise."""
+        """Return the error to raise when the connection is lost."""
         if self._is_shutdown:
             return can.CanOperationError("this bus is shut down")
-        self._is_lost = True
         cause = f" ({error})" if error else ""
         return can.CanOperationError(
             f"the emulated bus has closed the connection{cause}: its broker has ended, or this "
@@ -173,15 +171,6 @@ class EmulatedBus(can.BusABC):
             while self._socket.recv(1 << 16):
                 pass
         self._socket.close()
-
-    @property
-    def state(self) -> BusState:
-        """ERROR when the broker has ended, as of the last ``recv`` or ``send``; else ACTIVE."""
-        return BusState.ERROR if self._is_lost else BusState.ACTIVE
-
-    @state.setter
-    def state(self, new_state: BusState) -> None:
-        raise can.CanOperationError(f"an emulated bus cannot be set to {new_state.name}")
 
     @staticmethod
     def _detect_available_configs() -> list[AutoDetectedConfig]:
@@ -251,8 +240,7 @@ def _sent_frame(message: can.Message) -> Frame:
         frame = frame._replace(flags=frame.flags | message.dlc << REMOTE_LENGTH_SHIFT)
     elif message.is_fd:
         # As SocketCAN does: CAN FD has no frame of nine bytes.
-        size = len(frame.data)
-        size = next((length for length in FD_LENGTHS if length >= size), size)
+        size = padded_length(len(frame.data)) or 0
         frame = frame._replace(data=frame.data.ljust(size, b"\0"))
     try:
         check_frame(frame)

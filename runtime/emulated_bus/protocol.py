@@ -21,6 +21,7 @@ from struct import Struct
 from typing import NamedTuple
 
 from ..frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
+from ..frame.length_with_stuff_bits import DATA_LENGTH_CODE
 
 MAGIC = b"emucan\x00\x05"
 """Name and version: both sides close on any other."""
@@ -38,9 +39,6 @@ _HELLO_RECEIVE_OWN = 2
 
 _SENDABLE = EXTENDED | REMOTE | FD | BITRATE_SWITCH | ERROR_STATE
 _FD_ONLY = BITRATE_SWITCH | ERROR_STATE
-
-FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
-"""Payload lengths a CAN FD frame can have [bytes]."""
 
 HELLO = Struct(f"<8sB3xII{CHANNEL_BYTES_MAX}s")
 ANSWER = Struct("<8sII160s")
@@ -147,7 +145,7 @@ def check_frame(frame: Frame) -> None:
     if not 0 <= can_id <= (0x1FFF_FFFF if flags & EXTENDED else 0x7FF):
         raise ProtocolError(f"a frame with identifier {can_id:#x}")
     if flags & FD:
-        if flags & REMOTE or len(data) not in FD_LENGTHS:
+        if flags & REMOTE or len(data) not in DATA_LENGTH_CODE:
             raise ProtocolError(f"a CAN FD frame with {len(data)} bytes or a remote one")
     elif len(data) > 8 or flags & _FD_ONLY:
         raise ProtocolError("a classic frame with more than 8 bytes or with flags of CAN FD")

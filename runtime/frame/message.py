@@ -7,17 +7,9 @@ from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 def frame_of(message: can.Message) -> Frame:
     """Return the frame that a message holds; without time, channel and direction."""
-    flags = 0
-    if message.is_extended_id:
-        flags |= EXTENDED
-    if message.is_remote_frame:
-        flags |= REMOTE
-    if message.is_error_frame:
-        flags |= ERROR
-    if message.is_fd:
-        flags |= FD
-    if message.bitrate_switch:
-        flags |= BITRATE_SWITCH
+    flags = EXTENDED * message.is_extended_id | REMOTE * message.is_remote_frame
+    flags |= ERROR * message.is_error_frame | FD * message.is_fd
+    flags |= BITRATE_SWITCH * message.bitrate_switch
     return Frame(message.arbitration_id, bytes(message.data), flags)
 
 

@@ -7,16 +7,15 @@ python-can opens every other interface.
 
 import argparse
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import can
 from can.typechecking import CanFilter
 from can.util import load_config
 
 from ..exit_status import BusError, cause_of
-from ..node.real_time_loop import Port
 from .interface_choice import Choice, choose_bus
-from .python_can import BusPort, Closable, check_openable, open_bus
+from .python_can import BusPort, ClosablePort, check_openable, open_bus
 from .socketcan import SocketCanPort
 
 AF_CAN, PYTHON_CAN = "AF_CAN", "python-can"
@@ -26,10 +25,6 @@ _FAST_PATH_TAKES = {
     # python-can's socketcan accepts these too, and leaves them to ``ip link``.
     *("bitrate", "data_bitrate", "timing"),
 }
-
-
-class ClosablePort(Port, Closable, Protocol):
-    """A port that can be shut down."""
 
 
 class OpenPort(NamedTuple):

@@ -22,7 +22,7 @@ from can.interfaces import BACKENDS
 from ..exit_status import BusError, one_line
 from ..frame import Frame
 from ..frame.message import frame_of, message_of
-from ..node.real_time_loop import Received
+from ..node.real_time_loop import Port, Received
 from .interface_choice import AUTO_CHANNEL, Choice, socketcan_obstacle
 
 _SENT_MAX = 64
@@ -43,8 +43,8 @@ _HASTY_MAX = 10_000
 _OF_EVERY_BUS = {"bitrate", "data_bitrate", "fd", "timing", "can_filters", "single_handle"}
 
 
-class Closable(Protocol):
-    """Anything that has to be shut down."""
+class ClosablePort(Port, Protocol):
+    """A port that has to be shut down."""
 
     def shutdown(self) -> None:
         """Release its resources."""
@@ -114,7 +114,7 @@ def check_openable(choice: Choice) -> None:
 
 
 @contextmanager
-def shutting_down(bus: Closable) -> Iterator[None]:
+def shutting_down(bus: ClosablePort) -> Iterator[None]:
     """Shut ``bus`` down at the end of the block.
 
     Errors are ignored: a bus that has failed, as after an unplugged adapter, has been reported.

@@ -13,7 +13,6 @@ from ..node import NS_PER_S
 from ..node.real_time_loop import LoopFigures
 from ..node.statistics import durations_report
 from ..output_file import write_text
-from ..port.connection import ConnectionFigures
 from ..settings import Settings
 
 
@@ -47,11 +46,6 @@ def loop_report(figures: LoopFigures) -> dict[str, Any]:
         "duration_s": duration_ns / NS_PER_S,
         "busy_fraction": busy_ns / duration_ns if duration_ns else 0.0,
     }
-
-
-def connection_report(figures: ConnectionFigures) -> dict[str, Any]:
-    """Return the figures of the connection to the bus, times in seconds."""
-    return figures._asdict()
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

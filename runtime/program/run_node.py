@@ -24,7 +24,7 @@ from ..settings import Settings
 from ..settings.plugin import PartError
 from .fail_if_conditions import Ending, fail_status
 from .priority_and_memory_lock import RealTimeRequest, real_time
-from .report import connection_report, run_report, summary_lines, write_json
+from .report import run_report, summary_lines, write_json
 from .screen import Observer, Screen
 from .stop_request import StopRequest
 
@@ -124,7 +124,7 @@ def run_node(
             say(name, f"error: safe state: {fault}", sys.stderr)
         ended_by = f"safe state: {fault}" if fault and run.ended_by == FINISHED else run.ended_by
         report = run_report(name, ended_by, opened.description, settings, run.loop, figures)
-        report["connection"] = connection_report(run.connection)
+        report["connection"] = run.connection._asdict()
         report["host"] = run.host
         report["recording"] = None if recorded is None else recorded._asdict()
         if options.json is not None:

@@ -46,10 +46,6 @@ def test_every_preset_survives_being_written_and_read(name: str) -> None:
         ("seed = -1", ["seed = -1", "from 0, up to 9223372036854775807"]),
         ("[latency.uplink]\nspread_s = 0.1", ["latency.uplink", "spread_s needs a model"]),
         (
-            "[latency.uplink]\nloss_in_good = 0.5\nloss_in_burst = 0.5",
-            ["latency.uplink", "loss_in_good must be below loss_in_burst"],
-        ),
-        (
             "[latency.uplink]\nschedule = [{time_s = 2, mean_s = 0}, {time_s = 1, mean_s = 0}]",
             ["latency.uplink", "schedule must rise in time: 1.0 s follows 2.0 s"],
         ),

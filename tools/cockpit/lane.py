@@ -18,7 +18,7 @@ from ...plant_emulator.path.path import Path
 from ...runtime.exit_status import BusError, cause_of
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
-from ...runtime.port.port import ClosablePort
+from ...runtime.port.python_can import ClosablePort
 from ...runtime.recording.candump import CandumpLog
 from .ghost import Ghost
 from .sampler import Sampler

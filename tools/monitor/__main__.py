@@ -23,8 +23,8 @@ from steer_by_wire.runtime.command_line import command_parser, run_main, say, se
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
-from steer_by_wire.runtime.port.port import ClosablePort, open_port
-from steer_by_wire.runtime.port.python_can import shutting_down
+from steer_by_wire.runtime.port.port import open_port
+from steer_by_wire.runtime.port.python_can import ClosablePort, shutting_down
 from steer_by_wire.runtime.program.stop_request import StopRequest
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 

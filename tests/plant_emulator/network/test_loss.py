@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from steer_by_wire.plant_emulator.network.loss import (
     LossParams,
     bernoulli,
-    gilbert_elliott,
+    gilbert,
     loss_step,
 )
 
@@ -49,56 +49,30 @@ def test_independent_loss_is_as_frequent_as_asked(loss: float) -> None:
     assert np.mean(lost) == pytest.approx(loss, abs=0.003)
 
 
-@pytest.mark.parametrize(
-    ("loss", "burst_frames", "in_good", "in_burst"),
-    [(0.02, 5.0, 0.0, 1.0), (0.10, 20.0, 0.01, 0.8), (0.3, 3.0, 0.0, 0.5), (0.05, 1.0, 0.0, 1.0)],
-)
+@pytest.mark.parametrize(("loss", "burst_frames"), [(0.02, 5.0), (0.10, 20.0), (0.05, 1.0)])
 def test_bursts_lose_the_share_asked_for_and_are_as_long_as_asked(
-    loss: float, burst_frames: float, in_good: float, in_burst: float
+    loss: float, burst_frames: float
 ) -> None:
-    bursts, lost = fates(gilbert_elliott(loss, burst_frames, in_good, in_burst))
+    bursts, lost = fates(gilbert(loss, burst_frames))
+    assert lost == bursts
     assert np.mean(lost) == pytest.approx(loss, rel=0.1)
     assert np.mean(runs(bursts)) == pytest.approx(burst_frames, rel=0.1)
-    assert np.mean([a for a, b in zip(lost, bursts, strict=True) if b]) == pytest.approx(
-        in_burst, abs=0.02
-    )
-    assert np.mean([a for a, b in zip(lost, bursts, strict=True) if not b]) == pytest.approx(
-        in_good, abs=0.005
-    )
 
 
 def test_a_chain_by_hand() -> None:
     # Half of a hundredth of the frames' worth of bursts of four frames each.
-    assert gilbert_elliott(0.2, 4.0, 0.0, 1.0) == pytest.approx((0.0625, 0.75, 0.0, 1.0))
+    assert gilbert(0.2, 4.0) == pytest.approx((0.0625, 0.75, 0.0, 1.0))
 
 
-@given(probabilities, burst_lengths, probabilities, probabilities)
-def test_every_loss_has_a_chain_with_that_long_run_share(
-    loss: float, burst_frames: float, one: float, other: float
-) -> None:
-    params = gilbert_elliott(loss, burst_frames, min(one, other), max(one, other))
+@given(probabilities, burst_lengths)
+def test_every_loss_has_a_chain_with_that_long_run_share(loss: float, burst_frames: float) -> None:
+    params = gilbert(loss, burst_frames)
     assert all(0.0 <= probability <= 1.0 for probability in params)
     assert share_lost(params) == pytest.approx(loss, rel=1e-6, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("loss", "expected"),
-    [
-        (0.0, bernoulli(0.0)),  # the lower of the two in the good state gives way
-        (0.1, bernoulli(0.1)),  # never in a burst
-        (0.6, bernoulli(0.6)),  # always in a burst
-        (0.9, bernoulli(0.9)),  # the upper one gives way
-        (1.0, bernoulli(1.0)),
-    ],
-)
-def test_outside_what_two_states_can_lose_every_frame_is_on_its_own(
-    loss: float, expected: LossParams
-) -> None:
-    assert gilbert_elliott(loss, 5.0, 0.1, 0.6) == expected
-
-
 def test_bursts_that_would_have_to_touch_grow() -> None:
-    bursts, lost = fates(gilbert_elliott(0.9, 2.0, 0.0, 1.0))
+    bursts, lost = fates(gilbert(0.9, 2.0))
     assert np.mean(lost) == pytest.approx(0.9, abs=0.005)
     assert np.mean(runs(bursts)) == pytest.approx(10.0, rel=0.05)  # 1 / (1 − 0.9)
 

@@ -42,7 +42,6 @@ def test_a_broker_that_dies_gives_its_clients_a_clear_error(
             other.recv(PATIENCE_S)
         with pytest.raises(can.CanOperationError, match="its broker has ended"):
             other.send(message(1))
-    assert other.state is can.BusState.ERROR
 
 
 def test_without_a_broker_the_error_names_the_command_that_starts_one(directory: Path) -> None:
