@@ -11,7 +11,7 @@ steers, the motor lets the wheel follow the angle of the road wheels.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, nan
 from typing import Any, NamedTuple
 
@@ -100,13 +100,20 @@ class HandWheelNode:
 
     ``start_ns``     first cycle [ns]
     ``samples_max``  largest number of cycles stored in ``samples``
+    ``person``       what a person's hands do at a time; None where they are off
 
     ``deadline_ns``  when the next cycle is due [ns]
     ``finished``     whether a fault of its own has ended it, with the feedback faded out
     """
 
-    def __init__(self, settings: HandWheelSettings, start_ns: int, samples_max: int = 0) -> None:
-        self._settings, self._start_ns = settings, start_ns
+    def __init__(
+        self,
+        settings: HandWheelSettings,
+        start_ns: int,
+        samples_max: int = 0,
+        person: Callable[[int], Hands | None] = lambda _now_ns: None,
+    ) -> None:
+        self._settings, self._start_ns, self._person = settings, start_ns, person
         self._timer = PeriodicTimer(start_ns, settings.cycle_ns)
         self._status_timer = PeriodicTimer(start_ns, STATUS_NS)
         self.deadline_ns, self.finished = start_ns, False
@@ -292,6 +299,7 @@ class HandWheelNode:
             due_ns - self._start_ns,
             driver_steers,
         )
+        self._hands = self._person(now_ns) or self._hands
         first_share = self._share if before.mode is not Mode.WAITING else 1.0
         self._share = share_step(first_share, mode, self._share_step)
         if mode is Mode.WAITING:

@@ -1,6 +1,6 @@
 """A hand wheel for a pair: what plant and controller need for it, and what it takes from the plant.
 
-What a settings file says stays; only tables that are omitted are filled.
+What a settings file says stays; only tables that are omitted, or say the default, are filled.
 """
 
 from typing import NamedTuple
@@ -33,7 +33,7 @@ def with_hand_wheel(
     force = plant.steering_force or SteeringForceSettings(period_ms=wheel.cycle_ms)
     link = plant.hand_wheel or LinkSettings(steering_ratio=ratio)
     driver = controller.hand_wheel or WhoSteersSettings(steering_ratio=ratio)
-    if "nominal_model" not in wheel.model_fields_set:
+    if wheel.nominal_model == NominalModelSettings():
         wheel = wheel.model_copy(update={"nominal_model": nominal_model_of(plant, force)})
     return WithHandWheel(
         plant.model_copy(update={"steering_force": force, "hand_wheel": link}),

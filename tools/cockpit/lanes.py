@@ -14,7 +14,12 @@ from typing import Literal, NamedTuple
 from ...closed_loop.pair.live_bus import open_channels
 from ...closed_loop.pair.live_pair import LivePair
 from ...closed_loop.pair.live_pair import Program as StartedProgram
-from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles
+from ...closed_loop.pair.pair_result import (
+    CONTROLLER_PROGRAM,
+    HAND_WHEEL_PROGRAM,
+    PLANT_PROGRAM,
+    PairFiles,
+)
 from ...closed_loop.pair.virtual_bus import QUIET_BUS
 from ...closed_loop.reports.law_colours import LawLine, law_lines
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
@@ -76,6 +81,13 @@ def _points(path: Path) -> Sequence[tuple[float, float]]:
     return [(round(place.x_m, 3), round(place.y_m, 3)) for place in places]
 
 
+def _line_of(lane: LaneSettings) -> str:
+    """Return the law whose colour a lane has; a feedback law has that of its kind."""
+    if lane.hand_wheel is not None:
+        return "pd_cdob" if lane.hand_wheel.feedback.law == "cdob" else "pd"
+    return lane.controller.law if lane.controller else HAND
+
+
 Action = Literal["kill", "pause", "resume", "restart", "put_back"]
 Program = Literal["plant", "controller"]
 _PROGRAMS: Mapping[Program, str] = {"plant": PLANT_PROGRAM, "controller": CONTROLLER_PROGRAM}
@@ -128,13 +140,17 @@ class OwnLanes:
             self.hand = HandFile(hand)
             for name, bus, lane in zip(names, channels.buses, settings, strict=True):
                 path = build_path(lane.plant.path)
-                ghost = None if lane.controller else Ghost(lane.plant)
+                is_plain = lane.controller is None and lane.hand_wheel is None
+                ghost = Ghost(lane.plant) if is_plain else None
                 port, listening = BusPort(bus.open()), self._language.listening()
                 lanes.append(Lane(port, time.monotonic_ns(), path, ghost, listening))
                 stack.callback(lanes[-1].close)
                 files = PairFiles(folder / name)
-                files.write_settings(lane.plant, lane.controller)
-                words = [str(hand), *self._language.options, *bus.options]
+                files.write_settings(lane.plant, lane.controller, hand_wheel=lane.hand_wheel)
+                words = [str(hand)]
+                if lane.hand_wheel is not None:
+                    words += ["--wheel", str(files.settings(HAND_WHEEL_PROGRAM))]
+                words += [*self._language.options, *bus.options]
                 steers = StartedProgram("steer_by_wire.tools.cockpit.hand", words)
                 pair = LivePair(
                     bus,
@@ -145,7 +161,7 @@ class OwnLanes:
                 )
                 pairs.append(stack.enter_context(pair))
             self._stack = stack.pop_all()
-        laws = law_lines(lane.controller.law if lane.controller else HAND for lane in settings)
+        laws = law_lines(_line_of(lane) for lane in settings)
         self.facts = [
             lane_facts(lane.label, line, lane.plant)
             for lane, line in zip(settings, laws, strict=True)

@@ -20,7 +20,7 @@ from ...runtime.exit_status import BusError
 from ...runtime.settings import Settings, SettingsError
 from .lane import Lane
 from .lanes import Action, OwnLanes, Program, lane_facts
-from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
+from .scenario import HAND_WHEELS, LANES_MAX, Latency, Scenario, choices, scenario_of
 from .signals import ROW_PERIOD_S, shown
 
 LISTENS_ONLY = "this page only listens; --allow-control lets it change the latency"
@@ -78,6 +78,7 @@ class Steer(Settings):
 
     do: Literal["steer"]
     steer_rad: Annotated[float, Field(ge=-0.6, le=0.6)]
+    grip: Literal["hands_off", "loose", "light", "firm"] = "light"
 
 
 class Act(Settings):
@@ -179,7 +180,7 @@ class Desk:
         facts = [bus] if self._own is None else self._own.facts
         return {
             "kind": "hello",
-            **shown(),
+            **shown(has_hand_wheel=self._has_hand_wheel),
             "row_period_s": ROW_PERIOD_S,
             "lanes": [lane._asdict() for lane in facts],
             "bus": self._bus if self._own is None else self._own.bus,
@@ -188,6 +189,12 @@ class Desk:
             "choices": choices(),
             "scenario": self._scenario and self._scenario.model_dump(mode="json"),
         }
+
+    @property
+    def _has_hand_wheel(self) -> bool:
+        return self._scenario is not None and not HAND_WHEELS.keys().isdisjoint(
+            self._scenario.controllers
+        )
 
     def status(self) -> Mapping[str, Any]:
         """Return what changes a few times a second, ready for JSON."""
@@ -232,7 +239,7 @@ class Desk:
     def _steer(self, wish: Steer) -> None:
         hand = self._own_lanes().hand
         if hand is not None:
-            hand.write(wish.steer_rad, time.monotonic_ns())
+            hand.write(wish.steer_rad, time.monotonic_ns(), wish.grip)
 
     def _own_lanes(self) -> OwnLanes:
         if self._own is None:

@@ -10,7 +10,7 @@ resolution of that signal, but has the right shape.
 """
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import Any
@@ -22,11 +22,12 @@ from ...dbc import messages
 from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
 from ...dbc.listening import OUR_MESSAGES, Listening
+from ...hand_wheel.shaking import shaking, shaking_text
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .ghost import Ghost
-from .signals import NAMES
+from .signals import NAMES, ROW_PERIOD_S
 
 _START = Pose(0.0, 0.0, 0.0)
 _SILENT_S = 0.5
@@ -83,6 +84,8 @@ _SHOWN_NS = 3 * NS_PER_S
 _SKIPPED = int(messages.limits(messages.ControllerStatus)["skipped_ticks"].maximum) + 1
 _IN_FLIGHT_MAX = 4096
 """Commands that are remembered until they take effect."""
+_WHEEL_S = 6.0
+"""Of the hand wheel's newest motion, which shakes or not: half of the time between two kicks."""
 _FOREIGN_MAX = 20
 """Foreign identifiers that are listed."""
 IN_LANE_M = 0.86
@@ -142,6 +145,7 @@ class Sampler:
         self._foreign: dict[int, Frame] = {}
         self._sent: dict[int, messages.SteeringCommand | messages.SteeringPlan] = {}
         self._in_effect_rad = math.nan
+        self._wheel_rad = deque[float](maxlen=round(_WHEEL_S / ROW_PERIOD_S))
         self._refused = Counter[str]()
         self._refused_until_ns: dict[str, int] = {}
         self._late = self._skipped = self._ticks = (0, -_SHOWN_NS)  # how much, when
@@ -197,6 +201,8 @@ class Sampler:
                 self._in_effect_rad = (
                     math.nan if sent is None else command_at(sent, heard.counter).steer_rad
                 )
+        elif isinstance(message, messages.HandWheelState):
+            self._place.on_command(now_ns)
         elif isinstance(message, messages.VehicleState):
             self._place.on_vehicle(message, now_ns)
 
@@ -206,6 +212,10 @@ class Sampler:
         error, command = of(messages.LateralError), of(messages.SteeringCommand)
         status, vehicle = of(messages.SteeringStatus), of(messages.VehicleState)
         plant, delay = of(messages.PlantStatus), of(messages.DelayStatus)
+        wheel, felt = of(messages.HandWheelState), of(messages.HandWheelStatus)
+        rack = of(messages.SteeringForce)
+        if wheel is not None:
+            self._wheel_rad.append(wheel.hand_wheel_angle_rad)
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
         ghost = None if self._ghost is None else self._ghost.at(now_ns)
@@ -231,6 +241,10 @@ class Sampler:
             "ghost_heading_rad": ghost and ghost.heading_rad,
             "rms_m": score.get("rms_m"),
             "peak_m": self._score.peak_m if score else None,
+            "hand_wheel_rad": wheel and wheel.hand_wheel_angle_rad,
+            "driver_torque_n_m": wheel and wheel.driver_torque_n_m,
+            "feedback_torque_n_m": felt and felt.applied_torque_n_m,
+            "rack_force_n": rack and rack.rack_force_n,
         }
         return tuple(math.nan if (value := values[name]) is None else value for name in NAMES)
 
@@ -243,6 +257,11 @@ class Sampler:
     def score(self) -> Mapping[str, float]:
         """Return RMS [m] and share of the time in the lane since the reset; empty before it."""
         return self._score.figures()
+
+    def hand_wheel_text(self) -> str:
+        """Return whether a hand wheel shakes; empty without one."""
+        angles_rad = tuple(self._wheel_rad)
+        return shaking_text(shaking(angles_rad, ROW_PERIOD_S)) if angles_rad else ""
 
     def lights(self, now_ns: int) -> tuple[Light, ...]:
         """Return the lights as known at ``now_ns``."""

@@ -8,9 +8,12 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
+from ...closed_loop.pair.with_hand_wheel import with_hand_wheel
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings, controller_preset
 from ...dbc.messages import LatencyModel
+from ...hand_wheel.settings import HandWheelSettings
+from ...hand_wheel.wheel import GRIPS
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
 from ...plant_emulator.path.path import Path
@@ -22,6 +25,8 @@ from ...runtime.settings import Settings, SettingsError, preset_names, with_valu
 LANES_MAX = 4
 HAND = "hand"
 """In place of a controller's preset: the visitor steers."""
+HAND_WHEELS: Mapping[str, str] = {"hand_wheel": "rack_force", "hand_wheel_cdob": "cdob"}
+"""In place of it: the visitor steers by a hand wheel, which has this feedback law."""
 ICE_FRICTION = 0.3
 """What the button for ice asks for."""
 _ENDLESS_S = 1e6
@@ -67,7 +72,9 @@ class Scenario(Settings):
     ``controllers``  a preset of the controller for each lane, or the hand
     ``is_round``     whether it belongs to the guided rounds
     ``plant``        preset of the plant: the vehicle, a corner of the uncertainty box
+    ``plants``       one a lane instead; the last for those beyond
     ``speed_km_h``   None: that of the preset
+    ``wheel_cycle_ms``, ``torque_gradient_n_m``  of a hand wheel
     """
 
     title: str = ""
@@ -75,6 +82,9 @@ class Scenario(Settings):
     is_round: bool = False
     controllers: Annotated[tuple[str, ...], Field(min_length=1, max_length=LANES_MAX)]
     plant: str = "paper_nominal"
+    plants: tuple[str, ...] = ()
+    wheel_cycle_ms: Annotated[float, Field(ge=1.0, le=20.0)] = 5.0
+    torque_gradient_n_m: Annotated[float, Field(ge=0.0, le=100.0)] = 6.0
     path: str = "ellipse 60 by 30 m"
     speed_km_h: Annotated[float, Field(ge=0.5, le=250.0)] | None = None
     seed: Annotated[int, Field(ge=0, le=2**53)] = 1
@@ -96,6 +106,7 @@ class LaneSettings(NamedTuple):
     label: str
     plant: PlantSettings
     controller: ControllerSettings | None
+    hand_wheel: HandWheelSettings | None = None
 
 
 def scenarios() -> Sequence[Scenario]:
@@ -122,19 +133,43 @@ def scenario_of(values: Mapping[str, Any], source: str = _PAGE) -> Scenario:
 
 def lane_settings(scenario: Scenario) -> Sequence[LaneSettings]:
     """Return the settings of every lane; raises SettingsError."""
-    plant = _plant_settings(scenario)
-    return [
-        LaneSettings(
-            name.replace("_", " "), plant, None if name == HAND else controller_preset(name)
-        )
-        for name in scenario.controllers
+    plants = scenario.plants or (scenario.plant,)
+    lanes = []
+    for number, name in enumerate(scenario.controllers):
+        plant_name = plants[min(number, len(plants) - 1)]
+        plant, label = _plant_settings(scenario, plant_name), name.replace("_", " ")
+        if scenario.plants:
+            label = plant_name.replace("_", " ")
+        if name in HAND_WHEELS:
+            lanes.append(_with_hand_wheel(label, plant, scenario, HAND_WHEELS[name]))
+        else:
+            driver = None if name == HAND else controller_preset(name)
+            lanes.append(LaneSettings(label, plant, driver))
+    return lanes
+
+
+def _with_hand_wheel(
+    label: str, plant: PlantSettings, scenario: Scenario, law: str
+) -> LaneSettings:
+    kicks = [
+        {"at_s": 5.0 + 12.0 * number, "torque_n_m": -3.0 if number % 2 else 3.0}
+        for number in range(500)
     ]
+    values = {
+        "cycle_ms": scenario.wheel_cycle_ms,
+        "driver": {"grip": "hands_off", "kicks": kicks},
+        "feedback": {"law": law, "torque_gradient_n_m": scenario.torque_gradient_n_m},
+    }
+    wheel = with_values(HandWheelSettings(), values, scenario.title or _PAGE)
+    plant, _, wheel = with_hand_wheel(plant, controller_preset(_ANY_LAW), wheel)
+    return LaneSettings(label, plant, None, wheel)
 
 
 def choices() -> Mapping[str, Any]:
     """Return what a page can choose from, ready for JSON."""
     return {
-        "controllers": [HAND, *preset_names(CONTROLLER_PRESETS)],
+        "controllers": [HAND, *HAND_WHEELS, *preset_names(CONTROLLER_PRESETS)],
+        "grips": list(GRIPS),
         "plants": preset_names(PLANT_PRESETS),
         "paths": list(PATHS),
         "models": [model.value for model in Distribution],
@@ -144,7 +179,7 @@ def choices() -> Mapping[str, Any]:
     }
 
 
-def _plant_settings(scenario: Scenario) -> PlantSettings:
+def _plant_settings(scenario: Scenario, name: str) -> PlantSettings:
     values: dict[str, Any] = {
         "duration_s": _ENDLESS_S,
         "seed": scenario.seed,
@@ -161,7 +196,7 @@ def _plant_settings(scenario: Scenario) -> PlantSettings:
         values["path"] = path
     if scenario.speed_km_h is not None:
         values["vehicle.speed_m_s"] = scenario.speed_km_h / 3.6
-    preset = plant_preset(scenario.plant)
+    preset = plant_preset(name)
     return with_values(preset, values, scenario.title or _PAGE)
 
 

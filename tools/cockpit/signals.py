@@ -64,6 +64,10 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("ghost_heading_rad", "ghost heading", "rad", 1.0, 3),
     Signal("rms_m", "RMS of the car", "mm", 1e3, 2),
     Signal("peak_m", "peak of the car", "mm", 1e3, 2),
+    Signal("hand_wheel_rad", "hand wheel", "rad", 1.0, 2),
+    Signal("driver_torque_n_m", "driver", "N m", 1.0, 2),
+    Signal("feedback_torque_n_m", "feedback", "N m", 1.0, 2),
+    Signal("rack_force_n", "rack force", "N", 1.0, 0),
 )
 NAMES = tuple(signal.name for signal in SIGNALS)
 
@@ -73,6 +77,15 @@ CHARTS: tuple[Chart, ...] = (
     Chart("Latency", ("downlink_s", "uplink_s"), "downlink_s"),
     Chart("Round trip", ("round_trip_s",), "round_trip_s"),
 )
+
+OF_HAND_WHEEL: tuple[Chart, ...] = (
+    Chart("Hand wheel", ("hand_wheel_rad",), "hand_wheel_rad"),
+    Chart(
+        "Torque at the wheel", ("driver_torque_n_m", "feedback_torque_n_m"), "feedback_torque_n_m"
+    ),
+    Chart("Rack force", ("rack_force_n",), "rack_force_n"),
+)
+"""In place of round trip and latency, where there is one."""
 
 FIGURES: tuple[Figure, ...] = (
     Figure("RMS", "rms_m", "root mean square of the car's deviation from the path since the start"),
@@ -84,11 +97,12 @@ FIGURES: tuple[Figure, ...] = (
 )
 
 
-def shown() -> Mapping[str, Any]:
+def shown(*, has_hand_wheel: bool = False) -> Mapping[str, Any]:
     """Return signals, charts and figures, ready for JSON."""
+    charts = (CHARTS[0], *OF_HAND_WHEEL) if has_hand_wheel else CHARTS
     return {
         "signals": [one._asdict() for one in SIGNALS],
-        "charts": [one._asdict() for one in CHARTS],
+        "charts": [one._asdict() for one in charts],
         "figures": [one._asdict() for one in FIGURES],
     }
 

@@ -3,14 +3,24 @@
 import math
 from pathlib import Path
 
+import pytest
+
 from steer_by_wire.dbc.messages import (
     Direction,
     DisturbanceConfig,
     encode,
 )
+from steer_by_wire.hand_wheel.settings import HandWheelSettings
+from steer_by_wire.hand_wheel.wheel import GRIPS
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.cockpit.ghost import Ghost
-from steer_by_wire.tools.cockpit.hand import PERIOD_NS, RELEASED_NS, HandFile, HandNode
+from steer_by_wire.tools.cockpit.hand import (
+    PERIOD_NS,
+    RELEASED_NS,
+    HandFile,
+    HandNode,
+    Person,
+)
 from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
 from tests.support.frames.made_messages import command_of, latency_of, message_with
 
@@ -38,6 +48,31 @@ def test_ticks_that_were_missed_are_left_out_and_the_phase_is_kept(tmp_path: Pat
     hand.write(0.2, START_NS)
     assert len(node.on_tick(START_NS + 5 * PERIOD_NS + 1)) == 1
     assert node.deadline_ns == START_NS + 6 * PERIOD_NS
+
+
+def test_a_person_turns_the_hand_wheel_smoothly_and_lets_go(tmp_path: Path) -> None:
+    file, wheel = HandFile(tmp_path / "hand"), HandWheelSettings(cycle_ms=5.0)
+    person, now_ns = Person(file, wheel), START_NS
+    assert person.hands(now_ns) is None
+    file.write(0.02, now_ns, "firm")
+    moved = [person.hands(now_ns + number * wheel.cycle_ns) for number in range(60)]
+    assert all(hands is not None and hands.grip is GRIPS["firm"] for hands in moved)
+    wished = [hands.wished_rad for hands in moved if hands is not None]
+    assert wished == sorted(wished)
+    assert wished[-1] == pytest.approx(0.02 * wheel.steering_ratio, rel=1e-3)
+    assert person.hands(now_ns + RELEASED_NS) is None
+
+
+def test_a_lane_with_a_hand_wheel_has_a_car_of_its_own_that_it_steers() -> None:
+    (three,) = (one for one in scenarios() if one.title == "Three cars by hand")
+    lanes = lane_settings(three)
+    assert [lane.label for lane in lanes] == ["bmw 320i", "vw vanagon", "city bus"]
+    assert len({lane.plant.vehicle.virtual_mass_kg for lane in lanes}) == 3
+    for lane in lanes:
+        assert lane.hand_wheel is not None
+        assert lane.plant.hand_wheel is not None
+        assert lane.plant.steering_force is not None
+        assert lane.hand_wheel.nominal_model.virtual_mass_kg == lane.plant.vehicle.virtual_mass_kg
 
 
 def test_the_ghost_starts_with_the_visitor_and_meets_the_same_delay_and_gust() -> None:
