@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, TextIO, cast
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file in UTF-8 atomically; raises OSError."""
-    write_file(path, text.encode())
+    write_file(path, text.encode(errors="surrogateescape"))  # a file's name has any bytes
 
 
 def write_file(path: Path, content: bytes) -> None:

@@ -23,7 +23,9 @@ _BEGIN: Final = b"LOBJ"
 _BASE = blf.OBJ_HEADER_BASE_STRUCT
 _TIMES = struct.Struct("<L4xq")
 """Flags and time: before the start, in a recorder with a pre-trigger buffer, it is negative."""
-_PADDING_MAX = 8
+PADDING_MAX = 8
+_OBJECTS_LOST_MAX = 64
+"""More bytes than of so many objects are taken for one large one."""
 _TIME_UNIT_NS = {blf.TIME_TEN_MICS: 10_000}
 _ERROR_KINDS = {2, blf.CAN_ERROR_EXT, 104}
 _CLASSIC_KINDS = {blf.CAN_MESSAGE, blf.CAN_MESSAGE2}
@@ -154,18 +156,21 @@ class _Objects:
 
     ``left``  the beginning of one that is not there yet
 
-    What lies between two objects and is none counts as one.
+    What lies between two beginnings and is no object may be several, whose beginnings are damaged:
+    as many as have a header like the newest object's, or as it would fit in between.
     """
 
     def __init__(self, state: LogState, *, is_begun: bool = False) -> None:
         """``is_begun``: the first bytes belong to an object whose beginning was counted."""
-        self._state, self._is_begun, self.left, self._why = state, is_begun, b"", ""
+        self._state, self._is_begun, self.left = state, is_begun, b""
+        self._lost, self._headers, self._why = 0, 0, ""
+        self._header, self._size = b"", SIZE_MAX
 
     def objects_in(self, piece: bytes, *, is_end: bool = False) -> Iterator[tuple[int, bytes]]:
         """Yield type and bytes of each object that is complete with this piece of the file."""
         data, place = self.left + piece, 0
         while (begin := data.find(_BEGIN, place)) >= 0:
-            if begin > place + _PADDING_MAX or self._why:
+            if begin > place + PADDING_MAX or self._why:
                 self._lose(data[place:begin], "no object begins in {} bytes")
             place, self._is_begun = begin, False
             if len(data) < begin + _BASE.size:
@@ -179,16 +184,19 @@ class _Objects:
                 self._lose(_BEGIN, f"an object of type {kind} is not {size} bytes long")
                 place = begin + len(_BEGIN)
                 continue
-            follows = end + _PADDING_MAX + len(_BEGIN)
+            follows = end + PADDING_MAX + len(_BEGIN)
             if len(data) < (end if is_end else follows):
                 break
             if inside >= 0 and _BEGIN not in data[end:follows]:
                 end = inside  # of a container that claims more than it has
+            if kind != blf.LOG_CONTAINER:
+                self._header = data[begin + len(_BEGIN) : begin + _BASE.size]
+                self._size = end - begin
             yield kind, data[begin:end]
             place = end
         else:
-            if len(data) > place + _PADDING_MAX:
-                lost_end = len(data) - len(_BEGIN) + 1
+            if len(data) > place + PADDING_MAX:
+                lost_end = len(data) - (0 if is_end else len(_BEGIN) - 1)
                 self._lose(data[place:lost_end], "no object begins in {} bytes")
                 place = lost_end
             elif is_end:
@@ -213,10 +221,17 @@ class _Objects:
 
     def _lose(self, lost: bytes, why: str) -> None:
         if not self._is_begun:
+            headers = lost.count(self._header) if self._header else 0
+            if headers and not self._headers and self._lost + lost.find(self._header) > _BASE.size:
+                headers += 1  # the first is damaged
+            self._headers += headers
+            self._lost += len(lost)
             self._why = self._why or why.format(len(lost))
 
     def _count_lost(self) -> None:
         """Count what was lost up to the beginning of the next object."""
-        if self._why:
+        fit = round(self._lost / self._size)
+        several = max(self._headers, fit if fit <= _OBJECTS_LOST_MAX else 1, 1)
+        for _ in range(several if self._why else 0):
             self._state.count_unreadable(self._why)
-        self._why = ""
+        self._lost, self._headers, self._why = 0, 0, ""

@@ -11,6 +11,7 @@ from ...dbc import messages
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...dbc.messages import SteeringStatusCode as Code
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
+from ...runtime.exit_status import printable
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .bus_listener import NAMES, BusListener, ReceivedMessage
@@ -354,7 +355,7 @@ def analyse_files(
         if log.state.cut_off:
             cut_off = cut_off or f"{path.name}: {log.state.cut_off}"
     figures = {
-        "files": [str(path) for path in paths],
+        "files": [printable(str(path)) for path in paths],
         "channels": sorted(filter(None, channels)),
         "unreadable": unreadable,
         "first_unreadable": first_unreadable,

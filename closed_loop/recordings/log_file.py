@@ -16,6 +16,8 @@ from .mf4_log import Mf4Log
 from .text_formats import BEGIN, READERS, BusmasterReader, TrcReader
 
 _COMMENTS = ("#", ";", "//")
+LINES_MAX = 1_000_000
+"""Without a frame: a device has no end, and a few bytes unpack to as many."""
 _BINARY_SUFFIXES = {".blf", ".mf4"}
 OF_LOCAL_TIME = {".blf", ".trc"}
 """Their dates are the recorder's, whose time zone they do not tell."""
@@ -75,7 +77,10 @@ def _text_frames(lines: TextLines, read: Callable[[str], Logged | None] | None) 
     """Yield the frames of a text; without a reader for it, of what candump has printed."""
     is_trc = isinstance(read, TrcReader)  # its header is in such lines
     read = read or (BusmasterReader() if lines.begins_with(BEGIN) else candump_reader())
+    has_frames = False
     for line in lines:
+        if lines.number > LINES_MAX and not has_frames:
+            raise LogError(f"{lines.path}: no frame in its first {LINES_MAX} lines")
         if line.lstrip().startswith(_COMMENTS) and not is_trc:
             continue
         try:
@@ -87,6 +92,7 @@ def _text_frames(lines: TextLines, read: Callable[[str], Logged | None] | None) 
             lines.count_unreadable(f"no frame: {line.strip()[:60]!r}{why}")
             continue
         if taken is not None and lines.has_end:
+            has_frames = True
             yield taken
         elif taken is not None:
             lines.count_unreadable("no end")

@@ -16,7 +16,9 @@ def refuse_another_run(folder: Path, wanted: Mapping[str, str | None]) -> None:
         raise SettingsError(f"--out {folder} is a file: give the name of a folder")
     for name, text in wanted.items():
         file = folder / name
-        if file.exists() and (text is None or file.read_bytes() != text.encode()):
+        if file.exists() and (
+            text is None or file.read_bytes() != text.encode(errors="surrogateescape")
+        ):
             raise SettingsError(
                 f"--out {folder} has another run, whose {name} differs: give another folder, or"
                 " remove that one"

@@ -37,7 +37,7 @@ NUMBERS = ("0", "-1", "99999999", "1e999", "nan", "-0.5", "4294967296", "9" * 40
 MONSTERS = ("a" + ".a" * 20_000 + " = 1\n", "[" * 5_000, "\0", "\ufeff", '"' * 3, "{" * 200, "é;")
 PROGRAMS = {
     ".dbc": (("tools.can", "response-times"), ("tools.dialect", "new")),
-    ".toml": (("controller", "--check"),),
+    ".toml": (("controller", "--check"), ("tools.run", "--duration=0.2")),
 }
 COMMANDS = (
     "run --preset practical_pd --duration 2 --out OUT",

@@ -164,8 +164,10 @@ class Logs:
         file = self._folder / f"drawn{suffix}"
         if suffix == ".blf":
             file.write_bytes(self._blf[0] + in_containers(rng, records))
-            # Damage may make a frame a request to send one, if all else in it is intact.
+            # Damage may make a frame a request to send one, if all else in it is intact; and what
+            # is no longer than the padding between objects cannot be told from it.
             requests = sum(len(one) >= 36 and one[34] & 0xF == blf_log.REQUEST for one in records)
+            requests += sum(len(one) <= blf_log.PADDING_MAX for one in records)
         else:
             head, _, end = self._texts[suffix]
             line_end = rng.choice((b"\n", b"\r\n"))

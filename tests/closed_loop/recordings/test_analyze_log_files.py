@@ -1,6 +1,7 @@
 """Files that the analysis of a log leaves: tables for other programs, and its report."""
 
 import csv
+import os
 import re
 from pathlib import Path
 
@@ -130,3 +131,12 @@ def test_its_json_is_the_file_and_its_folder_takes_no_other_log(
     assert main([str(varying.log), *out]) == ExitStatus.SETTINGS
     assert f"--out {folder} has another run, whose source.txt differs" in capsys.readouterr().err
     assert (folder / "figures.json").read_text(encoding="utf-8") == before
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_log_whose_name_is_no_text_has_a_report(constant: Run, tmp_path: Path) -> None:
+    log = tmp_path / os.fsdecode(b"Fahrt\xff.log")
+    log.write_bytes(constant.log.read_bytes())
+    for _ in range(2):  # the second time its folder must know it again
+        assert main([str(log), "--out", str(tmp_path / "out")]) == ExitStatus.OK
+    assert (tmp_path / "out" / log.stem / "report.html").exists()

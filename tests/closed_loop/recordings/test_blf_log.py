@@ -94,6 +94,7 @@ ODD = {
     "no object": bytes(50),
     "a size that covers the next": an_object(1, bytes(32), 96)[:48],
     "no frame": an_object(1, bytes(4)),
+    "bytes in its size": a_frame(9)[:9] + b"FA0" + a_frame(9)[9:] + bytes(1),
 }
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steer_by_wire.closed_loop.recordings import log_file
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.closed_loop.recordings.log_state import LogError, Logged, LogState
@@ -240,6 +241,14 @@ def test_a_log_is_read_from_a_pipe(tmp_path: Path) -> None:
     log = open_log(path)
     assert len(list(log)) == 20
     writer.join()
+
+
+def test_lines_without_a_frame_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(log_file, "LINES_MAX", 100)
+    with pytest.raises(LogError, match="no frame in its first 100 lines"):
+        read(tmp_path / "log.log", "\n" * 200)
+    frame = "(1.0) can0 100#00\n"
+    assert len(read(tmp_path / "log.log", "\n" * 50 + frame + "\n" * 200 + frame)[0]) == 2
 
 
 def test_a_csv_of_another_program_names_the_columns(tmp_path: Path) -> None:
