@@ -46,6 +46,10 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
     "echo_delay_s": ("DELAY_STATUS", "echo_delay_s"),
     "steering_lag_s": ("MODEL_STATUS", "steering_lag_s"),
     "virtual_mass_kg": ("MODEL_STATUS", "virtual_mass_kg"),
+    "hand_wheel_angle_rad": ("HAND_WHEEL_STATE", "hand_wheel_angle_rad"),
+    "driver_torque_n_m": ("HAND_WHEEL_STATE", "driver_torque_n_m"),
+    "applied_torque_n_m": ("HAND_WHEEL_STATUS", "applied_torque_n_m"),
+    "rack_force_n": ("STEERING_FORCE", "rack_force_n"),
 }
 """Signals with figures and pictures: their message in the DBC, and the field."""
 COUNTED: Mapping[str, tuple[type[messages.Message], str]] = {

@@ -26,6 +26,10 @@ SIGNAL_NAMES = {
     "echo_delay_s": ("delay down and up, by echo", "ms", 1e3),
     "steering_lag_s": ("steering lag that the law takes", "ms", 1e3),
     "virtual_mass_kg": ("virtual mass that the law takes", "kg", 1.0),
+    "hand_wheel_angle_rad": ("hand wheel", "rad", 1.0),
+    "driver_torque_n_m": ("torque of the driver", "N m", 1.0),
+    "applied_torque_n_m": ("torque of the feedback", "N m", 1.0),
+    "rack_force_n": ("force on the rack", "N", 1.0),
 }
 """Name of each signal in a report, its unit there, and how many of that unit make the SI unit."""
 _ABOUT_TIMES = """\
