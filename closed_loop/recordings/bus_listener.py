@@ -9,24 +9,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from ...dbc import messages
 from ...dbc.codec.counter_check import CounterCheck
 from ...dbc.codec.counter_rule import PERIOD_NS_MIN, CounterResult, CounterRule
 from ...dbc.codec.protection import COUNTERS, HALF
 from ...dbc.listening import OUR_MESSAGES, Listening, MessageCounts
-from ...dbc.messages import (
-    CAN_IDS,
-    DATA_IDS,
-    MESSAGE_TYPES,
-    NUMBERED_WITH,
-    Decoded,
-    LateralError,
-    Message,
-    Rejection,
-    SteeringCommand,
-    SteeringPlan,
-    decode,
-    steers_of,
-)
 from ...dbc.secoc.secured_frame import plain
 from ...plant_emulator.steering.plan_buffer import planned_rad
 from ...runtime.frame import ERROR, Frame
@@ -36,9 +23,11 @@ RULE = CounterRule(lead_ns=HALF * PERIOD_NS_MIN, resync_run=20)
 FOREIGN_IDS_MAX = 1000
 """How many foreign identifiers are counted separately."""
 
-NAMES: Mapping[type[Message], str] = {kind: name for name, kind in MESSAGE_TYPES.items()}
+NAMES: Mapping[type[messages.Message], str] = {
+    kind: name for name, kind in messages.MESSAGE_TYPES.items()
+}
 """The name of each message in the DBC."""
-_NAMES_BY_ID = {CAN_IDS[kind]: name for kind, name in NAMES.items()}
+_NAMES_BY_ID = {messages.CAN_IDS[kind]: name for kind, name in NAMES.items()}
 
 
 class ReceivedMessage(NamedTuple):
@@ -50,26 +39,28 @@ class ReceivedMessage(NamedTuple):
     """
 
     name: str
-    message: Message
+    message: messages.Message
     counter: int
     is_late: bool
     sample: int
 
     @property
-    def shown(self) -> Message:
+    def shown(self) -> messages.Message:
         """The message; in place of a plan the command that it is at the newest measurement."""
-        if isinstance(self.message, SteeringPlan):
+        if isinstance(self.message, messages.SteeringPlan):
             return command_at(self.message, self.sample)
         return self.message
 
 
-def command_at(message: SteeringCommand | SteeringPlan, sample: int) -> SteeringCommand:
+def command_at(
+    message: messages.SteeringCommand | messages.SteeringPlan, sample: int
+) -> messages.SteeringCommand:
     """Return a command, or what a plan commands at the sample with this end-to-end counter."""
-    if isinstance(message, SteeringCommand):
+    if isinstance(message, messages.SteeringCommand):
         return message
-    spacing, steers_rad = message.spacing, steers_of(message)
+    spacing, steers_rad = message.spacing, messages.steers_of(message)
     age = min((sample - message.first_sample) % COUNTERS, spacing * (len(steers_rad) - 1))
-    return SteeringCommand(
+    return messages.SteeringCommand(
         steer_rad=planned_rad(age, spacing, steers_rad),
         command_counter=message.plan_number,
         mode=message.mode,
@@ -102,11 +93,11 @@ class BusListener:
         self._checks = {
             name: CounterCheck(RULE)
             for kind, name in NAMES.items()
-            if kind in DATA_IDS and kind not in NUMBERED_WITH
+            if kind in messages.DATA_IDS and kind not in messages.NUMBERED_WITH
         }  # others are sent by hand, so it has no counter, or are of another's sequence
         self._accepted = Counter[str]()
         self._late = Counter[str]()
-        self._refused = {name: Counter[str]() for name in MESSAGE_TYPES}
+        self._refused = {name: Counter[str]() for name in messages.MESSAGE_TYPES}
         self.foreign = Counter[int]()
         self.foreign_frames = 0
         self.error_frames = 0
@@ -144,15 +135,15 @@ class BusListener:
         return Taken([one for one in received if one is not None], heard.name)
 
     def _take_ours(self, frame: Frame) -> ReceivedMessage | None:
-        decoded = decode(plain(frame))
-        if isinstance(decoded, Decoded):
+        decoded = messages.decode(plain(frame))
+        if isinstance(decoded, messages.Decoded):
             message, counter = decoded
             kind = type(message)
             name = NAMES[kind]
-            result = self._in_sequence(NAMES[NUMBERED_WITH.get(kind, kind)], counter)
+            result = self._in_sequence(NAMES[messages.NUMBERED_WITH.get(kind, kind)], counter)
             if result is CounterResult.ACCEPTED:
                 self._accepted[name] += 1
-                if isinstance(message, LateralError):
+                if isinstance(message, messages.LateralError):
                     self._sample = counter
                 return ReceivedMessage(name, message, counter, False, self._sample)
             if result is CounterResult.OUT_OF_ORDER:
@@ -161,7 +152,7 @@ class BusListener:
             self._refused[name][result.name.lower()] += 1
         elif frame.flags & ERROR:
             self.error_frames += 1
-        elif decoded is Rejection.UNKNOWN_ID:
+        elif decoded is messages.Rejection.UNKNOWN_ID:
             self._count_foreign(frame.can_id)
         else:
             self._refused[_NAMES_BY_ID[frame.can_id]][decoded.value] += 1

@@ -27,14 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...dbc import messages
 from ...dbc.codec.protection import COUNTERS
-from ...dbc.messages import (
-    CYCLE_TIMES_MS,
-    PlantStatus,
-    SteeringCommand,
-    SteeringStatus,
-    resolutions,
-)
 from ...dbc.messages import SteeringStatusCode as Code
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .durations import Durations, History
@@ -45,7 +39,7 @@ IN_FLIGHT_MAX = 4096
 """Commands whose time is remembered, as in the controller's own measurement."""
 REPORTS_MIN = 5
 """PLANT_STATUS messages that a block needs for their latencies to be used."""
-_RESOLUTION_S = 0.5 * resolutions(PlantStatus)["uplink_latency_s"]
+_RESOLUTION_S = 0.5 * messages.resolutions(messages.PlantStatus)["uplink_latency_s"]
 _SURE_OF_PERIOD = 20
 """Samples after which their own period tells how many came in a gap."""
 
@@ -86,7 +80,7 @@ class Latencies:
         self._frame_ns: int | None = None  # the plant's newest frame
         self._silence_ns = 0  # longest silence of the plant since the last status
 
-    def on_command(self, command: SteeringCommand, time_ns: int) -> None:
+    def on_command(self, command: messages.SteeringCommand, time_ns: int) -> None:
         """Take a command on the bus."""
         self.commands += 1
         if len(self._sent_ns) >= IN_FLIGHT_MAX:
@@ -100,7 +94,7 @@ class Latencies:
         self._frame_ns = time_ns
 
     def on_status(
-        self, status: SteeringStatus, counter: int, is_late: bool, time_ns: int
+        self, status: messages.SteeringStatus, counter: int, is_late: bool, time_ns: int
     ) -> int | None:
         """Take a status of the actuator; returns the round trip that it completes [ns], or None."""
         round_trip_ns = None
@@ -117,7 +111,7 @@ class Latencies:
         self._silence_ns = 0
         return round_trip_ns
 
-    def on_plant_status(self, status: PlantStatus, time_ns: int) -> None:
+    def on_plant_status(self, status: messages.PlantStatus, time_ns: int) -> None:
         """Take the latencies that the plant reports."""
         self._reported_ns.append(status.uplink_latency_s * NS_PER_S)
         self.reported_uplink.record(round(status.uplink_latency_s * NS_PER_S))
@@ -146,7 +140,7 @@ class Latencies:
             first, last = self._block[0], self._block[-1]
             if last.number > first.number and last.arrival_ns > first.arrival_ns:
                 return (last.arrival_ns - first.arrival_ns) / (last.number - first.number)
-        return CYCLE_TIMES_MS[SteeringStatus] * NS_PER_MS
+        return messages.CYCLE_TIMES_MS[messages.SteeringStatus] * NS_PER_MS
 
     def close_block(self) -> None:
         """Divide the round trips of a block into their directions; call it at the end too."""

@@ -12,7 +12,6 @@ verdict on how the path was held, by the measured error.
 import argparse
 import shutil
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
@@ -216,14 +215,10 @@ def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str, float | None], None]]:
-    console = Console(stderr=True)
-    start_s = time.monotonic()
-    with progress_bars(console) as progress:
+    with progress_bars(Console(stderr=True)) as progress:
         tasks: dict[str, Any] = {}
 
         def advance(name: str, fraction: float | None) -> None:
-            if time.monotonic() - start_s < 0.5:
-                return
             if name not in tasks:
                 tasks[name] = progress.add_task(name, total=None if fraction is None else 1.0)
             progress.update(tasks[name], completed=fraction)

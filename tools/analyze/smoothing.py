@@ -36,15 +36,8 @@ from ...controller.prediction.gains_over_speed import (
     noise_covariances,
     sampled_vehicles,
 )
+from ...dbc import messages
 from ...dbc.codec.protection import COUNTERS
-from ...dbc.messages import (
-    LateralError,
-    SteeringCommand,
-    SteeringPlan,
-    SteeringStatus,
-    SteeringStatusCode,
-    VehicleState,
-)
 from ...runtime.array_types import FloatArray
 
 VEHICLE_STATES = (
@@ -161,24 +154,24 @@ class SmoothedTable:
         self._errors: list[_Error] = []
         self._statuses: list[_Status] = []
         self._speeds_m_s: list[float] = []
-        self._commands: dict[int, SteeringCommand | SteeringPlan] = {}
+        self._commands: dict[int, messages.SteeringCommand | messages.SteeringPlan] = {}
         self.figures: dict[str, Any] = {}
         self.time_s, self.values, self.deviations = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
 
     def write(self, taken: LoggedMessages) -> None:
         """Take the messages in a frame."""
         for _, message, counter, _, _ in taken.messages:
-            if isinstance(message, LateralError):
+            if isinstance(message, messages.LateralError):
                 sample = self._sample(self._errors, counter)
                 error_m, heading_rad = message.lateral_error_m, message.heading_error_rad
                 self._errors.append(_Error(sample, taken.at_s, error_m, heading_rad))
-            elif isinstance(message, SteeringStatus):
+            elif isinstance(message, messages.SteeringStatus):
                 sample = self._sample(self._statuses, counter)
                 command_rad = self._in_effect_rad(message, counter)
                 self._statuses.append(_Status(sample, message.wheel_angle_rad, command_rad))
-            elif isinstance(message, SteeringCommand | SteeringPlan):
+            elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
                 self._commands[command_at(message, 0).command_counter] = message
-            elif isinstance(message, VehicleState):
+            elif isinstance(message, messages.VehicleState):
                 self._speeds_m_s.append(message.speed_m_s)
 
     def close(self) -> None:
@@ -225,10 +218,10 @@ class SmoothedTable:
         wheel_rad = np.interp(range(count), at, [one.wheel_rad for one in self._statuses])
         return measured, wheel_rad, command_rad
 
-    def _in_effect_rad(self, status: SteeringStatus, counter: int) -> float:
+    def _in_effect_rad(self, status: messages.SteeringStatus, counter: int) -> float:
         """Return the command that the wheel follows; NaN where it is not known or is limited."""
         command = self._commands.get(status.applied_counter)
-        if command is None or status.status is not SteeringStatusCode.APPLYING:
+        if command is None or status.status is not messages.SteeringStatusCode.APPLYING:
             return float("nan")
         return command_at(command, counter).steer_rad
 

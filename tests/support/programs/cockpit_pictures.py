@@ -25,15 +25,15 @@ from tests.support.programs.cockpit_run import cockpit
 FOLDER = Path(__file__).resolve().parents[3] / "docs" / "images"
 DARK = [{"name": "prefers-color-scheme", "value": "dark"}]
 _LIVE = {
-    "cockpit.png": ("DDOB at 80 ms", 1, 0.085),
-    "cockpit_four.png": ("Four laws at 160 ms", 4, 0.165),
+    "cockpit.png": ("DDOB at 80 ms", 1, 0.115),
+    "cockpit_four.png": ("Four laws at 160 ms", 4, 0.45),
 }
-"""By the picture's name: scenario, lanes and round trip."""
+"""By the picture's name: scenario, lanes, and the longest round trip of those in time [s]."""
 _SPAN_S = 15
 _SETTLED = f"""cockpit.nowS > {_SPAN_S + 5} && cockpit.lanes.every((rows) =>
     rows.columns.round_trip_s
         .subarray(rows.indexAt(cockpit.nowS - {_SPAN_S}), rows.length)
-        .every((trip) => Math.abs(trip - {{}}) < 0.03))"""
+        .every((trip) => trip < {{}}))"""
 """Whether every lane was driven in time in all that the charts show; no number is not in time."""
 _PATIENCE_S = 600.0
 
@@ -58,15 +58,15 @@ def main() -> None:
 
 def take_live(browser: Browser) -> None:
     """Take one lane and four, each behind a gust."""
-    for file, (title, lanes, round_trip_s) in _LIVE.items():
+    for file, (title, lanes, longest_s) in _LIVE.items():
         with cockpit("--bus", "emulated", "--scenario", title) as address:
-            open_small(browser, address, lanes, round_trip_s)
+            open_small(browser, address, lanes, longest_s)
             browser.read("document.getElementById('gust').click()")
             browser.wait_for(f"cockpit.nowS > {browser.read('cockpit.nowS')} + 3")
             shoot(browser, FOLDER / file)
 
 
-def open_small(browser: Browser, address: str, lanes: int, round_trip_s: float) -> None:
+def open_small(browser: Browser, address: str, lanes: int, longest_s: float) -> None:
     """Open the page, and wait until its charts are full of lanes that have settled.
 
     Small, since drawing without a graphics processor takes the time that the lanes need.
@@ -74,7 +74,7 @@ def open_small(browser: Browser, address: str, lanes: int, round_trip_s: float) 
     browser.resize(320, 160)
     browser.open(address)
     browser.wait_for(f"window.cockpit?.lanes.length === {lanes}")
-    browser.wait_for(_SETTLED.format(round_trip_s), _PATIENCE_S)
+    browser.wait_for(_SETTLED.format(longest_s), _PATIENCE_S)
 
 
 def shoot(browser: Browser, file: Path) -> None:
