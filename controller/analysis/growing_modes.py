@@ -46,11 +46,7 @@ _RESIDUAL_MAX = 1e-8
 
 
 class GrowingModes:
-    """The modes of one loop outside |z| = ρ, at any constant delay up to a limit.
-
-    ``loop``          the loop
-    ``delay_ns_max``  the largest delay to be analysed [ns]
-    """
+    """The modes of one loop outside |z| = ρ, at any constant delay up to ``delay_ns_max`` [ns]."""
 
     def __init__(self, loop: SampledLoop, delay_ns_max: int) -> None:
         self._law = without_idle_states(loop.law)

@@ -36,11 +36,7 @@ _OVERRULED_FROM = int(SteeringStatusCode.LIMITED_BY_SAFETY)
 
 
 class HistoryParams(NamedTuple):
-    """Parameters of the history.
-
-    ``loop_delay``  periods and averaging
-    ``limits``  age limits of the delay and of the vehicle's speed
-    """
+    """Periods and averaging, and the age limits of the delay and of the vehicle's speed."""
 
     loop_delay: LoopDelayParams
     limits: AgeLimits
@@ -256,12 +252,7 @@ def empty_history(*, keeps_plans: bool) -> History:
 
 
 class BusHistory:
-    """Stores commands, measurements and echoes for a node.
-
-    ``params``  periods and averaging
-    ``limits``  age limits of the delay and of the vehicle's speed
-    ``keeps_plans``  whether the law plans
-    """
+    """Stores commands, measurements and echoes for a node; ``keeps_plans`` for a law that plans."""
 
     def __init__(
         self, params: LoopDelayParams, limits: AgeLimits, *, keeps_plans: bool = False

@@ -32,11 +32,7 @@ class LimitSettings(Settings):
 
 
 class SteerLimits(NamedTuple):
-    """Bounds of one command.
-
-    ``steer_rad_max``  largest angle to either side [rad]
-    ``step_rad_max``   largest change from one command to the next [rad]
-    """
+    """Bounds of one command: to either side, and from one command to the next [rad]."""
 
     steer_rad_max: float
     step_rad_max: float

@@ -58,7 +58,6 @@ PLANT_ENDED_NS = 3 * NS_PER_S
 class ControllerNode:
     """Controls one vehicle over the bus.
 
-    ``settings``     law, rate, limits and supervision
     ``start_ns``     first tick [ns]
     ``samples_max``  how many control periods are kept in ``samples``, from the first command on
 

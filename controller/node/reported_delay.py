@@ -24,11 +24,7 @@ _NS_PER_S = float(NS_PER_S)
 
 
 class EchoRule(NamedTuple):
-    """Parameters of the mean.
-
-    ``averaging_ns``  its time constant [ns]
-    ``timeout_ns``    the delay is unknown after this time without an echo [ns]
-    """
+    """Time constant of the mean, and after which time without an echo it is unknown [ns]."""
 
     half_period_ns: float
     averaging_ns: float

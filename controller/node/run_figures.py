@@ -54,13 +54,10 @@ def control_verdict(failure: str, mode: Mode, silent_ns: int, period_ns: int) ->
 
 
 class ControlSample(NamedTuple):
-    """One control period with a command, for plots.
+    """One control period with a command, for plots; the command is that after limits.
 
-    ``time_ns``          when the tick ran [ns]
-    ``lateral_error_m``  the newest measurement [m]
-    ``sample_age_ns``    time since that measurement arrived [ns]
-    ``law_output``       of this period; the last one while the mode is not ACTIVE
-    ``sent_steer_rad``   the command, after limits [rad]
+    ``sample_age_ns``  time since the newest measurement arrived [ns]
+    ``law_output``     of this period; the last one while the mode is not ACTIVE
     """
 
     time_ns: int
@@ -72,16 +69,7 @@ class ControlSample(NamedTuple):
 
 
 class RunFigures:
-    """Collects the figures.
-
-    ``start_ns``     when the first mode begins [ns]
-    ``period_ns``    of control [ns]
-    ``samples_max``  how many control periods are kept in ``samples``, oldest first
-
-    ``samples_left``    how many more there is room for
-    ``peak_steer_rad``  the largest command sent, to either side [rad]
-    ``last_tick_ns``    when the last control tick was [ns]
-    """
+    """Collects the figures; up to ``samples_max`` control periods are kept in ``samples``."""
 
     def __init__(self, start_ns: int, period_ns: int, samples_max: int) -> None:
         self.last_tick_ns = self._effect_ns = start_ns

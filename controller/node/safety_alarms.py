@@ -115,11 +115,6 @@ def facts_of(
 class SafetyReport:
     """Finds the facts again where something may have changed, and makes the frames.
 
-    ``ranges``    what the settings were designed for
-    ``received``  what has come
-    ``modes``     the mode table
-    ``start_ns``  when the controller starts [ns]
-
     ``facts``       as found last
     ``validity``    whether speed and delay are within the ranges, as judged last
     ``went_stale``  how often each message has become stale

@@ -160,13 +160,9 @@ class RunningFigures:
 class RunRecord:
     """Figures of a run and, while there is room, its samples.
 
-    ``motion``       of the run, which lasts ``duration_s``
-    ``vehicle``      that moves
-    ``rules``        of the verdict
     ``period_s``     of the sensors
     ``samples_max``  how many are kept in ``samples``
     ``corridor``     in which the body has to stay
-    ``lane``         of a car, and its body
     """
 
     def __init__(

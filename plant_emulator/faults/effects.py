@@ -23,8 +23,6 @@ RECORDED_MAX = 100_000
 class FaultMemory:
     """Memory of one fault.
 
-    ``draws``     its random stream
-    ``messages``  on the bus
     ``now_ns``, ``since_onset_s``  of the present frame
     ``before``    the last frame of each identifier before the onset
     ``recorded``  frames and their arrival times [ns], for a replay

@@ -24,10 +24,7 @@ from .settings import STEERING_FAULTS, FaultDirection, FaultKind, FaultSettings
 class FaultStage:
     """One fault.
 
-    ``seed``      of the run
     ``place``     in the list of faults; selects the random stream
-    ``messages``  on the bus
-
     ``changed``   frames so far that were lost, changed, delayed or joined by others
     """
 
@@ -101,12 +98,7 @@ class FaultStage:
 
 
 class FaultyNode(Wrapper[N]):
-    """Runs ``node`` with faults of its frames.
-
-    ``faults``    of both directions, in the order of their stages
-    ``seed``      of the run
-    ``messages``  on the bus
-    """
+    """Runs ``node`` with faults of its frames, of both directions, each a stage in their order."""
 
     def __init__(
         self, node: N, faults: Sequence[FaultSettings], seed: int, messages: MessagesOnBus = OURS

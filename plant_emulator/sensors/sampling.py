@@ -31,12 +31,8 @@ def samples_per_vehicle_state(sensor_period_ns: int) -> int:
 class Sampling:
     """Puts the frames of each sample into the ``uplink``.
 
-    ``motion``     of the vehicle
     ``ahead``      whether and how far PATH_AHEAD is sent, for the speed ``nominal_m_s``
-    ``seed``       of the noise
     ``start_ns``   first sample, and ``period_ns`` from one to the next [ns]
-
-    ``frames``  makes them
     """
 
     def __init__(

@@ -17,7 +17,6 @@ import select
 import socket
 import time
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 from ..node import NEVER_NS, NS_PER_S
 from ..node.statistics import DurationStatistics, DurationSummary
@@ -32,30 +31,13 @@ _SEED_STEP = 1_000_003
 """Distance between the seeds of two channels."""
 
 
-class ClientFigures(NamedTuple):
-    """What the broker has had to do with its clients.
-
-    ``connected``  now; ``most`` at once; ``served`` since the start
-    ``held_back``  how often one was not read on because its transmit buffers were full
-    """
-
-    connected: int
-    most: int
-    served: int
-    held_back: int
-
-
 class Broker:
     """Serves the clients that connect to ``listener``.
 
     ``bitrate_bit_s``       of every channel [bit/s]
     ``data_bitrate_bit_s``  of the data phase of CAN FD frames [bit/s]; None for classic CAN only
     ``print_line``          prints one line, or drops it: the broker does not wait for its reader
-    ``clock_ns``            monotonic clock [ns]
     ``traffic``             rest bus on every channel
-
-    ``clients``             who is connected
-    ``channels``            all so far, by name
     ``disconnections``      how many clients have left, by cause
     """
 
@@ -91,9 +73,10 @@ class Broker:
         return self._lateness.summary()
 
     @property
-    def figures(self) -> ClientFigures:
-        """What clients have done so far."""
-        return ClientFigures(len(self.clients), self._most, self._served, self._held_back)
+    def figures(self) -> dict[str, int]:
+        """Clients now, the most at once, all so far, and how often one was not read on."""
+        figures = {"connected": len(self.clients), "most": self._most, "served": self._served}
+        return figures | {"held_back": self._held_back}
 
     def run(self, ends: Sequence[int] = ()) -> None:
         """Serve until one of the descriptors ``ends`` is readable or closed."""

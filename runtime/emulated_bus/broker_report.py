@@ -27,7 +27,7 @@ def broker_report(broker: Broker, duration_ns: int) -> dict[str, Any]:
             }
             for name, channel in sorted(broker.channels.items())
         },
-        "clients": {**broker.figures._asdict(), "disconnected": dict(broker.disconnections)},
+        "clients": {**broker.figures, "disconnected": dict(broker.disconnections)},
     }
 
 

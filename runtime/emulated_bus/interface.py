@@ -49,7 +49,6 @@ class EmulatedBus(can.BusABC):
     """A client on one channel of an emulated bus.
 
     ``channel``               any name; clients with the same one share a bus
-    ``can_filters``           as in all of python-can
     ``address``               where the broker listens, as its ``--address``; its default if None
     ``receive_own_messages``  also receive what this client sends, at its end of frame
     ``fd``                    send and receive CAN FD frames; the broker has to carry them

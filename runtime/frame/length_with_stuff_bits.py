@@ -72,11 +72,7 @@ def padded_length(length: int) -> int | None:
 
 
 class FrameBits(NamedTuple):
-    """Bits of one frame by the rate at which they are sent.
-
-    ``nominal``  at the nominal bit rate
-    ``data``     at the data bit rate: ESI to CRC delimiter of an FD frame with BITRATE_SWITCH
-    """
+    """Bits of one frame by their bit rate; ``data``: ESI to CRC delimiter, with BITRATE_SWITCH."""
 
     nominal: int
     data: int

@@ -64,8 +64,7 @@ class LoopFigures(NamedTuple):
     ``wake_ups``         turns of the loop
     ``full_wake_ups``    wake-ups that reached FRAMES_PER_WAKE_UP_MAX
     ``frames_refused``   frames of the node for which the bus had no room; they are lost
-    ``duration_ns``      from the first reading of the clock to the last [ns]
-    ``busy_ns``          part of it spent outside of waiting [ns]
+    ``busy_ns``          part of ``duration_ns`` spent outside of waiting [ns]
     """
 
     lateness: DurationSummary

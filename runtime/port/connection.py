@@ -17,12 +17,7 @@ from .port import OpenPort
 
 
 class ConnectionFigures(NamedTuple):
-    """Totals of a connection.
-
-    ``driver``          AF_CAN or python-can
-    ``error_frames``    error frames by cause
-    ``frames_dropped``  frames for which the receiving socket had no room, if known
-    """
+    """Error frames by cause, and frames for which the receiving socket had no room, if known."""
 
     driver: str
     error_frames: Mapping[str, int]

@@ -21,11 +21,7 @@ priority = whole_number(0, 99)
 
 
 class RealTimeRequest(NamedTuple):
-    """What to request.
-
-    ``priority``     of SCHED_FIFO, 1 to 99; 0: the ordinary one
-    ``lock_memory``  whether no page may be swapped out
-    """
+    """Priority of SCHED_FIFO, 1 to 99, or 0 for the ordinary one; whether to lock memory."""
 
     priority: int = 0
     lock_memory: bool = False
