@@ -11,7 +11,7 @@ from steer_by_wire.closed_loop.recordings.log_analysis import CG_DEVIATION
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.closed_loop.recordings.mf4_log import Mf4Log
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import (
@@ -157,13 +157,3 @@ def test_lines_of_a_real_candump_are_read(tmp_path: Path, way: str) -> None:
     if way == "-tA":
         times = [one.time_ns for one in logged if one.time_ns is not None]
         assert times[-1] - times[0] == 107_982_000
-
-
-def test_error_frames_are_distinguished(tmp_path: Path) -> None:
-    path = tmp_path / "run.txt"
-    path.write_text(
-        "  vcan0  20000004   [8]  00 04 00 00 00 00 00 00   ERRORFRAME\n"
-        "(1.0) vcan0 20000040#0000000000000000\n"
-    )
-    assert [one.frame.flags for one in open_log(path)] == [ERROR, ERROR]
-    assert analyse(path)["error_frames"] == 2

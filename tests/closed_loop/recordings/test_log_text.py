@@ -180,8 +180,9 @@ def test_error_frames_of_a_trc_and_the_words_of_candump(tmp_path: Path) -> None:
     assert [one.frame.flags for one in logged] == [ERROR]
     words = "  can0  20000004   [8]  00 04 00 00 00 00 60 00   ERRORFRAME\n\tcontroller-problem{}\n"
     words += "\terror-counter-tx-rx{{96}{0}}\n  can0  100   [1]  01\n"
+    words += "(1.0) can0 20000040#0000000000000000\n"
     logged, words_state = read(tmp_path / "log.txt", words)
-    assert [one.frame.flags for one in logged] == [ERROR, 0]
+    assert [one.frame.flags for one in logged] == [ERROR, 0, ERROR]
     assert state.unreadable == words_state.unreadable == 0
 
 
