@@ -5,7 +5,7 @@ network did to the frames. A car's are taken at the times at which they came.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,10 +22,12 @@ from ...dbc.messages import (
     VehicleState,
 )
 from ...runtime.array_types import FloatArray
+from ...runtime.node import NS_PER_S
 from ..recordings.bus_listener import command_at
 from ..recordings.latency_and_jitter import Latencies
 from ..recordings.log_analysis import LoggedMessages, analyse_files
-from .time_series import Channel, Quantity
+from ..recordings.log_file import open_log
+from .time_series import PAUSE_S, Channel, Quantity
 
 _SAMPLES_MIN = 50
 
@@ -49,9 +51,24 @@ class _Collector:
         self.rows = defaultdict[type, list[tuple[float, ...]]](list)
         self._commands: dict[int, SteeringCommand | SteeringPlan] = {}
         self._numbers: dict[type, int] = {}
+        self._file, self._began_s, self._at_s, self._pause_s = "", 0.0, 0.0, 0.0
+        self._since_s = 0.0
+
+    def begin(self, file: str) -> None:
+        """Begin a file: with another drive, unless its clock goes on where the last one ended."""
+        if file == self._file:
+            return
+        began_s = (next(iter(open_log(Path(file))))[0] or 0) / NS_PER_S
+        if self._file and began_s < self._began_s + self._at_s - self._since_s:
+            self._pause_s += PAUSE_S
+            self._commands.clear()
+            for kind in self._numbers:
+                self._numbers[kind] += 2 * COUNTERS  # what comes next is later
+        self._file, self._began_s, self._since_s = file, began_s, self._at_s
 
     def write(self, taken: LoggedMessages) -> None:
         """Take the messages in a frame."""
+        self._at_s = taken.at_s
         for _, message, counter, _, _ in taken.messages:
             if isinstance(message, SteeringCommand | SteeringPlan):
                 self._commands[command_at(message, 0).command_counter] = message
@@ -65,7 +82,7 @@ class _Collector:
     def _add(self, kind: type, counter: int, *row: float) -> None:
         number = unwrapped(counter, self._numbers.get(kind, counter - 1) + 1, COUNTERS)
         self._numbers[kind] = number
-        self.rows[kind].append((number, *row))
+        self.rows[kind].append((number, row[0] + self._pause_s, *row[1:]))
 
     def _in_effect_rad(self, status: SteeringStatus, counter: int) -> float:
         command = self._commands.get(status.applied_counter)
@@ -77,11 +94,24 @@ class _Collector:
         """Leave what was collected."""
 
 
-def read_bus(paths: Sequence[Path], channel: str | None, language: BusLanguage) -> BusLog:
-    """Return what the files of one log hold; raises LogError."""
+def read_bus(
+    paths: Sequence[Path],
+    language: BusLanguage,
+    advance: Callable[[str, float | None], None] = lambda _file, _share: None,
+) -> BusLog:
+    """Return what the files of one log or of several drives hold; raises LogError.
+
+    ``advance``  called now and then with a file and how much of it was read (None: unknown)
+    """
     collector = _Collector()
+
+    def begin(file: str, share: float | None) -> None:
+        if len(paths) > 1:
+            collector.begin(file)
+        advance(file, share)
+
     figures, analysis = analyse_files(
-        paths, channel, [collector], listening=language.listening()
+        paths, None, [collector], begin, listening=language.listening()
     )  # fmt: skip
     channels, command_rad = list[Channel](), np.empty(0)
     lacking = language.missing

@@ -25,7 +25,7 @@ from pydantic import Field
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import Settings, SettingsError, load_settings
 from ...runtime.settings.number_table import column_names, convert_cells, read_number_table
-from .time_series import Channel, Quantity, continuous
+from .time_series import PAUSE_S, Channel, Quantity, continuous
 
 _ANGLE = {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3}
 _RATE = {"rad_s": 1.0, "deg_s": math.pi / 180.0}
@@ -195,7 +195,7 @@ def joined(parts: Sequence[Sequence[Channel]]) -> list[Channel]:
             moved = one._replace(time_s=one.time_s + shift_s)
             before = channels.get(one.name)
             channels[one.name] = moved if before is None else _appended(before, moved)
-        end_s = max(float(one.time_s[-1]) for one in channels.values()) + 10.0
+        end_s = max(float(one.time_s[-1]) for one in channels.values()) + PAUSE_S
     return [*channels.values()]
 
 

@@ -23,6 +23,8 @@ _STEPS = 10
 """Of the model per sample."""
 _QUANTUM_RAD = 1e-5
 _UNEXPLAINED_MAX = 0.05
+_LAG_PERIODS = 1.0 / 3.0
+"""By which commands at drawn times within a period may move the lag; of trials."""
 
 
 class Steering(NamedTuple):
@@ -77,12 +79,15 @@ def identify_steering(
     spread = np.sqrt(np.mean(found.fun**2))
     information = found.jac.T @ found.jac
     deviations = max(spread, 0.3) * np.sqrt(np.diagonal(np.linalg.pinv(information))) * scale
-    half = 1.96 * deviations
+    half = 1.96 * deviations + np.array([_LAG_PERIODS * period_s, 0.0, 0.0])
     lag_s, dead_s, play_rad = found.x * scale
     fastest = float(np.nanmax(np.abs(np.diff(wheel))) / period_s)
     unexplained = float(spread * _QUANTUM_RAD / np.nanstd(wheel))
     figures = [
-        _figure("lag_s", "s", lag_s, max(lag_s - half[0], 0.0), lag_s + half[0], 0.1 * lag_s),
+        _figure(
+            "lag_s", "s", lag_s, max(lag_s - half[0], 0.0), lag_s + half[0],
+            max(0.1 * lag_s, 0.5 * period_s),
+        ),
         _figure(
             "dead_time_s", "s", max(dead_s - 0.5 * period_s, 0.0),
             max(dead_s - half[1] - period_s, 0.0), dead_s + half[1], period_s,

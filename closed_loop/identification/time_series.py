@@ -21,6 +21,8 @@ _WINDOW = 5
 GAP_S_MIN = 0.3
 GAP_PERIODS = 5.0
 """A silence as long as both ends a segment; chosen."""
+PAUSE_S = 10.0
+"""Put between the drives of two files."""
 SEGMENT_S_MIN = 2.0
 SPEED_M_S_MIN = 1.0
 """Slower driving is left out: it tells nothing of tyres."""
@@ -186,7 +188,8 @@ def make_drive(channels: Iterable[Channel], source: str) -> Drive:
     }
     if missing := [name for name, found in wanted.items() if not found]:
         raise SettingsError(
-            f"{source}: has no {' and no '.join(missing)}; see steer-by-wire identify new"
+            f"{source}: has no {' and no '.join(missing)}: name its column in --columns (see"
+            " steer-by-wire identify new), or its signal in --dialect"
         )
     outputs = [one for quantity in OUTPUTS for one in by_quantity[quantity]]
     speed = by_quantity[Quantity.SPEED][0]

@@ -106,7 +106,8 @@ def _run(options: argparse.Namespace) -> int:
             print(proposed_mapping(log), end="")
         return ExitStatus.OK
     try:
-        channels, bus = _read(options)
+        progress = _Progress()
+        channels, bus = _read(options, progress)
         drive = _drive(options, channels)
         steering = None if bus is None else _steering(bus)
     except KeyboardInterrupt:
@@ -120,7 +121,7 @@ def _run(options: argparse.Namespace) -> int:
         return ExitStatus.OK
     known = Known() if options.known is None else load_settings(Known, file=options.known)
     known.check(str(options.known))
-    progress = _Progress()
+    progress.keep_the_best()
     found = identify(drive, known, progress.advance)
     figures = [*found.figures, *(() if steering is None else steering.figures)]
     notes = [*found.notes, *(() if steering is None else steering.notes)]
@@ -140,12 +141,18 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.INTERRUPTED if progress.stopped_in else ExitStatus.OK
 
 
-def _read(options: argparse.Namespace) -> tuple[list[Channel], BusLog | None]:
+def _read(
+    options: argparse.Namespace, progress: "_Progress"
+) -> tuple[list[Channel], BusLog | None]:
     """Return the channels of all logs, and what a log of the bus has besides."""
     if options.columns is not None or all(map(is_table, options.logs)):
         return joined([read_columns(log, options.columns) for log in options.logs]), None
     try:
-        bus = read_bus(options.logs, None, read_language(options.dialect))
+
+        def advance(file: str, share: float | None) -> None:
+            progress.advance(f"reading {file}", 1 + round(99 * (share or 0.0)), 100)
+
+        bus = read_bus(options.logs, read_language(options.dialect), advance)
     except LogError as error:
         raise SettingsError(str(error)) from error
     return bus.channels, bus
@@ -201,6 +208,9 @@ class _Progress:
 
     def __init__(self) -> None:
         self.stopped_in, self._what, self._begun_s, self._is_stopping = "", "", 0.0, False
+
+    def keep_the_best(self) -> None:
+        """Take Ctrl-C for the end of what goes on, and not of the program."""
         signal.signal(signal.SIGINT, self._stop)
 
     def _stop(self, _number: int, _frame: object) -> None:

@@ -1,6 +1,8 @@
 """Logs of the bus: steering, network, and channels of the plant's messages."""
 
+import shutil
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
 from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
 from steer_by_wire.closed_loop.identification.steering import identify_steering
-from steer_by_wire.closed_loop.identification.time_series import Quantity
+from steer_by_wire.closed_loop.identification.time_series import PAUSE_S, Quantity, make_drive
 from steer_by_wire.dbc.bus_language import BusLanguage
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings
@@ -30,14 +32,33 @@ NETWORK = {
 
 
 @pytest.fixture(scope="module")
-def bus(tmp_path_factory) -> BusLog:
+def log(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("bus") / "run"
     settings = [
         word for key, value in NETWORK.items() for word in ("--set", f"plant.{key}={value}")
     ]
     presets = ["--preset", "highway_nominal", "--preset", "highway_pd"]
     run([*presets, *settings, "--ideal-wire", "--out", str(out)])
-    return read_bus([out / "candump.log"], None, BusLanguage())
+    return out / "candump.log"
+
+
+@pytest.fixture(scope="module")
+def bus(log) -> BusLog:
+    return read_bus([log], BusLanguage())
+
+
+def test_two_drives_are_two_segments_and_two_parts_of_one_are_one(bus, log, tmp_path) -> None:
+    other = Path(shutil.copy(log, tmp_path / "other.log"))
+    channels = read_bus([log, other], BusLanguage()).channels
+    first, second = make_drive(channels, "two").segments
+    assert second[0] - first[1] == pytest.approx(PAUSE_S, abs=0.5)
+    assert second[1] - second[0] == pytest.approx(first[1] - first[0], abs=0.2)
+    lines = log.read_text().splitlines(keepends=True)
+    parts = [tmp_path / "a.log", tmp_path / "b.log"]
+    for part, its_lines in zip(parts, (lines[:5000], lines[5000:]), strict=True):
+        part.write_text("".join(its_lines))
+    whole = read_bus(parts, BusLanguage()).channels
+    assert [len(one.time_s) for one in whole] == [len(one.time_s) for one in bus.channels]
 
 
 @cache
