@@ -10,6 +10,7 @@ import importlib
 import logging
 import math
 import os
+import re
 import select
 import shutil
 import signal
@@ -133,6 +134,10 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
+_SCALES = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3}
+"""What a number with a unit is in SI units."""
+
+
 def number(
     low: float, high: float, unit: str = "", *, excludes_low: bool = False
 ) -> Callable[[str], float]:
@@ -146,7 +151,10 @@ def number(
         except ValueError:
             value = math.nan
         if not low <= value <= high or (excludes_low and value == low):
-            raise argparse.ArgumentTypeError(f"allowed is {allowed}, not {text[:60]!r}")
+            written = re.fullmatch(r"(\d+\.?\d*) ?([a-z]+)", text)
+            scale = _SCALES.get(written[2], 0.0) if written and written[2].endswith(unit) else 0.0
+            mend = f" (did you mean {float(written[1]) * scale:g}?)" if written and scale else ""
+            raise argparse.ArgumentTypeError(f"allowed is {allowed}, not {text[:60]!r}{mend}")
         return value
 
     return read

@@ -200,6 +200,12 @@ def test_a_bad_argument_has_the_status_of_bad_settings(
     assert f"{NAME}: error: " in capsys.readouterr().err
 
 
+def test_a_number_with_a_unit_is_answered_by_the_number(options: Options, capsys: Capture) -> None:
+    with pytest.raises(SystemExit):
+        options("--duration", "80ms")
+    assert "not '80ms' (did you mean 0.08?)" in capsys.readouterr().err
+
+
 # What a user can cause is one line and a status
 
 
