@@ -11,11 +11,9 @@
 Arguments of the marker: ``plant`` (a preset, or a settings file), ``latency_s`` (mean latency of
 the commands), ``seeds`` (the test runs once with each), ``overrides`` (other settings of the plant,
 by ``table.key``), ``bus`` (auto, socketcan or emulated) and ``dialect`` (the file of a car). For a
-failed test the report names log, picture and seed; JUnit XML has them as properties, and a GitHub
-step summary lists them.
+failed test the report names log, picture and seed; JUnit XML has seed and folder as properties.
 """
 
-import os
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -115,7 +113,7 @@ def pytest_runtest_makereport(
         for outcome in made.outcomes:
             folder = str(outcome.files.folder)
             item.user_properties += [("seed", outcome.settings.seed), ("run", folder)]
-            if report.failed and call.excinfo is not None:
+            if report.failed:
                 lines = [
                     f"bus      {outcome.bus}",
                     f"seed     {outcome.settings.seed}",
@@ -123,7 +121,6 @@ def pytest_runtest_makereport(
                     f"picture  {_picture(outcome)}",
                 ]
                 report.sections.append((f"steer-by-wire {folder}", "\n".join(lines)))
-                _to_step_summary(item.nodeid, [str(call.excinfo.value), *lines])
     return report
 
 
@@ -132,10 +129,3 @@ def _picture(outcome: Any) -> str:
         return str(outcome.draw())
     except ImportError as error:
         return f"none: {installation(str(error.name))}"
-
-
-def _to_step_summary(test: str, lines: list[str]) -> None:
-    file = os.environ.get("GITHUB_STEP_SUMMARY")
-    if file:
-        with Path(file).open("a", encoding="utf-8") as summary:
-            summary.write("\n".join([f"### {test}", "", "```", *lines, "```", "", ""]))
