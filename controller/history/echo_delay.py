@@ -83,7 +83,7 @@ def delay_step(
 
     ``status``  the SteeringStatusCode, as a number
     """
-    if tick < 0 or _IGNORING_FROM <= status < _DRIVER_STEERS:
+    if tick < 0 or (status >= _IGNORING_FROM and status != _DRIVER_STEERS):
         return x
     offset_ns = float(sample * p.sensor_period_ns - tick * p.period_ns)
     deviation_ns = offset_ns - x.offset_ns

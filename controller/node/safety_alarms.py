@@ -40,8 +40,9 @@ _AGES = ("lateral_error", "steering_status", "vehicle_state")
 _LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
 _ALL_FRESH = (Freshness.FRESH,) * len(SUPERVISED)
 _NO_OTHER, _STALE = SecondSender.NONE, Freshness.STALE
-_NOT_STEERED = (SteeringStatusCode.FALLBACK, SteeringStatusCode.SAFE_STATE)
-"""With these codes the steering follows no one."""
+_NOT_STEERED_FROM = SteeringStatusCode.FALLBACK
+"""From this code on the steering follows no commands; while the driver steers, it follows him."""
+_DRIVER_STEERS = SteeringStatusCode.DRIVER_STEERS
 
 
 class SafetyFacts(NamedTuple):
@@ -105,7 +106,8 @@ def facts_of(
 ) -> SafetyFacts:
     """Return the facts; the vehicle must stop where it is not steered, or soon will not be."""
     is_stopping = mode is Mode.SAFE_STOP or not goes_forward
-    request = request_of(validity, is_stopping or steering in _NOT_STEERED)
+    is_unsteered = steering >= _NOT_STEERED_FROM and steering is not _DRIVER_STEERS
+    request = request_of(validity, is_stopping or is_unsteered)
     return SafetyFacts(
         refused, lateral_error, steering_status, vehicle_state, fault, second_sender, validity,
         request,

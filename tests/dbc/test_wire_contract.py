@@ -241,12 +241,8 @@ def test_the_documented_cansend_line_is_the_frame_it_says() -> None:
         "80 ms, standard deviation 30 ms, loss 1 %, normal, both directions": latency_of(
             Direction.BOTH, 0.08, 0.03, 0.01, model=LatencyModel.NORMAL
         ),
-        "constant 250 ms for commands only": latency_of(Direction.DOWNLINK, 0.25),
         "no latency, no loss": latency_of(Direction.BOTH),
         "side force of 1500 N to the left": message_with(DisturbanceConfig, side_force_n=1500.0),
-        "steering offset of 0.02 rad on ice": message_with(
-            DisturbanceConfig, steering_offset_rad=0.02, friction_loss=0.7
-        ),
         "no disturbance": message_with(DisturbanceConfig),
     }
     assert found == {text: encode(message, 0) for text, message in expected.items()}
