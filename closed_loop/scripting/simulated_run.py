@@ -2,7 +2,6 @@
 
 Time 0 is the start of motion. The plant is sampled once per sensor period and the controller once
 per control period, so each has a table of its own; an array of a table has shape (rows,).
-``pandas.DataFrame(run.plant._asdict())`` is a frame.
 """
 
 import csv
@@ -36,6 +35,7 @@ from ..compiled.engine import rms_of
 from ..pair.named_files import digest_lines, with_absolute_names
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -268,6 +268,18 @@ class Run(NamedTuple):
         rows = zip(*self.plant, strict=True)
         places = [place(path, PlantSample(*map(float, row))) for row in rows]
         return Track(*np.array(places).reshape(-1, len(PlacedSample._fields)).T.copy())
+
+    def to_pandas(self) -> "tuple[pd.DataFrame, pd.DataFrame]":
+        """Return both tables as pandas frames, by ``time_s``; raises ValueError without pandas."""
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise ValueError("to_pandas() needs pandas: pip install pandas") from error
+        plant, controller = (
+            pd.DataFrame(table._asdict()).set_index("time_s")
+            for table in (self.plant, self.controller)
+        )
+        return plant, controller
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Draw error, steer, estimates and latency; raises ValueError if a library is missing.

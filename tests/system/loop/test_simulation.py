@@ -9,6 +9,7 @@ from base64 import b64decode
 from html import escape
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -187,13 +188,40 @@ def test_a_network_that_lets_nothing_through_ends_the_wait() -> None:
         simulate(overrides={"plant.latency.uplink.loss": 1.0, "controller.rate_hz": 10.0})
 
 
-def test_a_missing_matplotlib_is_named_in_one_line(
-    run: Run, monkeypatch: pytest.MonkeyPatch
+class _Frame:
+    """Stands for a pandas.DataFrame."""
+
+    def __init__(self, columns: dict[str, Any]) -> None:
+        self.columns, self.index = dict(columns), ""
+
+    def set_index(self, name: str) -> "_Frame":
+        self.index = name
+        return self
+
+
+def test_tables_become_pandas_frames(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=_Frame))
+    plant, controller = run.to_pandas()
+    assert tuple(plant.columns) == run.plant._fields
+    assert tuple(controller.columns) == run.controller._fields
+    assert plant.index == controller.index == "time_s"
+
+
+@pytest.mark.parametrize(
+    ("missing", "method", "line"),
+    [
+        ("pandas", "to_pandas", r"^to_pandas\(\) needs pandas: pip install pandas$"),
+        ("matplotlib", "plot", r"^plot\(\) needs matplotlib: pip install .*\[tools\]'$"),
+    ],
+)
+def test_what_is_not_installed_is_named_in_one_line(
+    run: Run, missing: str, method: str, line: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "steer_by_wire.closed_loop.reports.plot_style", raising=False)
-    with pytest.raises(ValueError, match=r"^plot\(\) needs matplotlib: pip install .*\[tools\]'$"):
-        run.plot()
+    monkeypatch.setitem(sys.modules, missing, None)
+    for module in ("run_drawing", "reports.plot_style"):
+        monkeypatch.delitem(sys.modules, f"steer_by_wire.closed_loop.{module}", raising=False)
+    with pytest.raises(ValueError, match=line):
+        getattr(run, method)()
 
 
 def test_a_run_is_drawn(run: Run, tmp_path: Path) -> None:
