@@ -279,6 +279,20 @@ def _mean_command(
     return total / length
 
 
+def at_measured_wheel(
+    loop_delay: LoopDelay, history: History, x: EstimatorState
+) -> EstimatorState:
+    """Return the state with the wheel's angle as its sample's STEERING_STATUS reports it."""
+    sample, beta, r, psi, y, rho, d, _ = x
+    at, before = sample & history.sample_mask, (sample - 1) & history.sample_mask
+    measured_rad, tick = history.wheel_rad[at], history.applied_tick[at]
+    # A lost sample has the values of the one before.
+    is_received = tick != history.applied_tick[before] or measured_rad != history.wheel_rad[before]
+    if tick < 0 or sample > loop_delay.echo_sample or not is_received:
+        return x
+    return EstimatorState(sample, beta, r, psi, y, rho, d, measured_rad)
+
+
 def estimate_to(
     p: LoopDelayParams,
     g: VehicleGains,
@@ -290,6 +304,7 @@ def estimate_to(
     """Return the estimate at ``sample``, using the measurements up to it."""
     while x.sample < sample:
         x = step_on_path(g, loop_delay, history, x, command_from(p, loop_delay, history, x.sample))
+        x = at_measured_wheel(loop_delay, history, x)
         index = x.sample & history.sample_mask
         if history.has_error[index]:
             k = correction_at(g, history, x.sample)
