@@ -29,6 +29,9 @@ CURVES_MAX = 8
 _LATENCY, _VEHICLE = "plant.latency.", "plant.vehicle."
 _TOP_M = 3.0
 """Largest error drawn."""
+_PANELS_IN_A_ROW = 3
+_MARKS = ("", "o", "s", "^")
+"""Of the first controller that runs a law, the second, ...: all have the law's colour."""
 
 
 class LawByDelay(NamedTuple):
@@ -201,8 +204,7 @@ def draw_error_over_delay(
         axes.plot(found.delays_ms, errors_mm, lw=1.8, label=f"{name}: {fate}", **style)
         if breaks_ms is not None:
             place = found.delays_ms.index(breaks_ms)
-            error_mm = 1e3 * min(found.settled_m[0, law, place], _TOP_M)
-            axes.plot(breaks_ms, error_mm, "x", color=style["color"], ms=11, mew=2.5)
+            axes.plot(breaks_ms, errors_mm[place], "x", color=style["color"], ms=11, mew=2.5)
     axes.set_yscale("log")
     for formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         formatter(LogFormatter(labelOnlyBase=False))  # plain numbers, in less than a decade too
@@ -212,4 +214,28 @@ def draw_error_over_delay(
     )
     axes.set_title(f"Which delay each law tolerates: {found.conditions[0]}")
     figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def draw_largest_deviations(
+    found: LawByDelay, names: Sequence[str], laws: Mapping[str, str]
+) -> Figure:
+    """Draw the largest deviation of some controllers, in a panel for each condition."""
+    rows = -(-len(found.conditions) // _PANELS_IN_A_ROW)
+    figure = Figure(figsize=(9.0, 1.0 + 2.2 * rows))
+    panels = figure.subplots(rows, _PANELS_IN_A_ROW, sharex=True, sharey=True, squeeze=False)
+    used = [laws[name] for name in names]
+    for place, (name, style) in enumerate(zip(names, law_styles(used), strict=True)):
+        mark = _MARKS[used[:place].count(used[place]) % len(_MARKS)]
+        peaks_m = np.minimum(found.peak_m[:, found.controllers.index(name)], _TOP_M)
+        for axes, peak_m in zip(panels.flat, peaks_m, strict=False):
+            axes.plot(found.delays_ms, peak_m, marker=mark, ms=4, label=name, **style)
+    for axes, condition in zip(panels.flat, found.conditions, strict=False):
+        axes.set_title(condition, fontsize="medium")
+    panels[0, 0].set_yscale("log")
+    panels[0, 0].yaxis.set_major_formatter("{x:g}")
+    panels[-1, 0].set_xlabel("mean delay [ms]")
+    figure.supylabel(f"largest deviation of the car, at most {_TOP_M:g} [m]", fontsize="medium")
+    labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(*labels, loc="outside lower center", ncols=2)
     return figure

@@ -31,6 +31,7 @@ from .law_by_delay import (
     CURVES_MAX,
     LawByDelay,
     draw_error_over_delay,
+    draw_largest_deviations,
     largest_deviations,
     law_by_delay,
     law_section,
@@ -67,8 +68,9 @@ def write(folder: Path) -> tuple[Path, list[str]]:
 def _laws(study: StudyRecord, found: LawByDelay) -> Section:
     names = (study.report.error_over_delay or found.controllers)[:CURVES_MAX]
     laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
+    draw = draw_largest_deviations if study.report.largest_deviation else draw_error_over_delay
     with plot_style():
-        png = png_of(draw_error_over_delay(found, names, laws))
+        png = png_of(draw(found, names, laws))
     write_file(study.folder / "error_over_delay.png", png)
     return law_section(found, [Picture(png, "error over delay")])
 
