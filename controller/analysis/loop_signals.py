@@ -136,12 +136,21 @@ class LoopMatrices(NamedTuple):
 
 
 class Signals:
-    """All signals in the loop, each a row over the initial state, the noise and v."""
+    """All signals in the loop, each a row over the initial state, the noise and v.
+
+    ``plant``      ``continuous_model``
+    ``has_wheel``  whether its last state is the wheel, behind a lag
+    """
 
     def __init__(
-        self, timing: Timing, plant: tuple[FloatArray, FloatArray], law_floats: int
+        self,
+        timing: Timing,
+        plant: tuple[FloatArray, FloatArray],
+        law_floats: int,
+        *,
+        has_wheel: bool,
     ) -> None:
-        self._timing = timing
+        self._timing, self._has_wheel = timing, has_wheel
         self._a, self._b = plant
         self._now_ns = timing.first_tick * timing.loop_delay.period_ns
         self._tick, self._sample = timing.first_tick, timing.first_sample
@@ -150,14 +159,14 @@ class Signals:
         samples = range(known, self._sample)
         acting = timing.acting_tick(self._now_ns)
         vehicle, held = len(self._b), (timing.delay_ns % timing.loop_delay.period_ns > 0)
-        self._order = vehicle + law_floats + len(ticks) + 2 * len(samples) + held
+        self._order = vehicle + law_floats + len(ticks) + 3 * len(samples) + held
         self._noisy = self._order + 2 * timing.samples
         columns = np.eye(self._noisy + timing.ticks)
         rows, added = iter(columns[: self._order]), columns[self._noisy :]
         self._vehicle = np.array([next(rows) for _ in range(vehicle)])
         self._law = np.array([next(rows) for _ in range(law_floats)])
         self._commands = {tick: next(rows) for tick in ticks}
-        self._errors = {sample: (next(rows), next(rows)) for sample in samples}
+        self._measured = {sample: [next(rows) for _ in range(3)] for sample in samples}
         self._added = {acting: next(rows)} if held else {}
         self._begins = range(acting + held, acting + held + timing.ticks)
         self._added |= dict(zip(self._begins, added, strict=True))
@@ -178,11 +187,15 @@ class Signals:
             self._now_ns = until_ns
 
     def take_sample(self) -> None:
-        """Measure, with noise."""
+        """Measure both errors, with noise, and the wheel: without a lag, it is the command."""
         lateral, heading = self._vehicle[Y].copy(), self._vehicle[PSI].copy()
         place = self._order + 2 * (self._sample - self._timing.first_sample)
         lateral[place], heading[place + 1] = 1.0, HEADING_NOISE_1_M
-        self._errors[self._sample] = (lateral, heading)
+        acting = self._timing.applied_tick(self._sample)
+        wheel = self._commands[acting] + self._added.get(acting, 0.0)
+        if self._has_wheel:
+            wheel = self._vehicle[-1].copy()
+        self._measured[self._sample] = [lateral, heading, wheel]
         self._sample += 1
 
     def decide(self, respond: Callable[[Timing, int], FloatArray]) -> None:
@@ -191,7 +204,7 @@ class Signals:
         rows = [
             *self._law,
             *(self._commands[tick] for tick in ticks),
-            *(row for sample in samples for row in self._errors[sample]),
+            *(row for sample in samples for row in self._measured[sample]),
         ]
         after = respond(self._timing, self._tick) @ np.array(rows)
         self._law, steer = after[:-1], after[-1]
@@ -208,7 +221,7 @@ class Signals:
             *self._vehicle,
             *self._law,
             *(self._commands[tick] for tick in ticks),
-            *(row for sample in range(known, self._sample) for row in self._errors[sample]),
+            *(row for sample in range(known, self._sample) for row in self._measured[sample]),
             *([self._added[acting]] if acting in self._added else []),
         ]
         end, steers = np.array(rows), np.array(self._steers)

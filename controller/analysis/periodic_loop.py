@@ -101,7 +101,9 @@ class PeriodicLoop:
         if self._last is not None and self._last[0] == delay_ns:
             return self._last[1]
         timing = self._timing(delay_ns)
-        signals = Signals(timing, self._plant, len(own_floats(self._design.initial_state(0.0))))
+        law_floats = len(own_floats(self._design.initial_state(0.0)))
+        has_wheel = self.loop_model.actuator_lag_s > 0.0
+        signals = Signals(timing, self._plant, law_floats, has_wheel=has_wheel)
         for time_ns in timing.instants():
             signals.move_to(time_ns)
             if time_ns % self._loop_delay.sensor_period_ns == 0:

@@ -39,7 +39,7 @@ def unit_responses(
         responses.append(design.step(params, filled(rest, moved, float), loop_input.observed(tick)))
     numbers = [(loop_input.sent_rad, number) for number in ticks]
     for sample in samples:
-        numbers += [(loop_input.lateral_error_m, sample), (loop_input.heading_error_rad, sample)]
+        numbers += [(ring, sample) for ring in loop_input.measured]
     for ring, number in numbers:
         ring[number % _RING] = _UNIT
         responses.append(design.step(params, rest, loop_input.observed(tick)))
@@ -76,7 +76,7 @@ class _LoopInput:
         self.period_ns = timing.loop_delay.period_ns
         self.sent_rad = [0.0] * _RING
         self.lateral_error_m = [0.0] * _RING
-        self.heading_error_rad = [0.0] * _RING
+        self.measured = [self.lateral_error_m, *([0.0] * _RING for _ in range(2))]
         applied = [-1] * _RING
         last = timing.first_sample + timing.samples
         for sample in range(max(0, last - _RING + 1), last + 1):
@@ -85,12 +85,11 @@ class _LoopInput:
             _RING - 1,
             _RING - 1,
             self.sent_rad,
-            self.lateral_error_m,
-            self.heading_error_rad,
+            *self.measured[:2],
             [True] * _RING,
             applied,
             [False] * _RING,
-            [0.0] * _RING,
+            self.measured[2],
         )
 
     def observed(self, tick: int) -> LawInput:

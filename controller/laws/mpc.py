@@ -173,20 +173,20 @@ def bent(seen: Outlook, change_1_m: float) -> Outlook:
 
 def curved(x: EstimatorState, change_1_m: float) -> EstimatorState:
     """Return an estimate on a path of another curvature."""
-    sample, beta, r, psi, y, rho, d, delta = x
-    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta)
+    sample, beta, r, psi, y, rho, d, delta, behind = x
+    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta, behind)
 
 
 def along_ramp(
     x: EstimatorState, rate_1_m_s: float, speed_m_s: float, time_s: float
 ) -> EstimatorState:
     """Return a predicted state on a path whose curvature has changed at a rate for a time."""
-    sample, beta, r, psi, y, rho, d, delta = x
+    sample, beta, r, psi, y, rho, d, delta, behind = x
     change_1_m = rate_1_m_s * time_s
     way_m = speed_m_s * time_s
     psi -= change_1_m * way_m * 0.5
     y -= change_1_m * way_m * way_m * (1.0 / 6.0)
-    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta)
+    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta, behind)
 
 
 def write_unknowns(

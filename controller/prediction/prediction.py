@@ -37,6 +37,7 @@ def predict(
         x.curvature_1_m + part * (after.curvature_1_m - x.curvature_1_m),
         x.offset_rad,
         x.wheel_rad + part * (after.wheel_rad - x.wheel_rad),
+        x.behind_rad,
     )
 
 

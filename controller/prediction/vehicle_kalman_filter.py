@@ -14,8 +14,9 @@ sample before was measured, too. After a gap it weighs the measurement as what t
 by then, for the next of 2, 4 ... ``GAP_MAX`` samples: the steady-state gain would let the error
 grow where only every third or fourth measurement comes.
 u[k] is what the plant reported as applied from sample k to k + 1: the command named by the echo, or
-the wheel angle while the steering overrules commands (hold, fallback, limits). Without an actuator
-lag the wheel angle is the input itself; with one, it is lagged twice for as long as that lasts.
+the wheel angle while the steering overrules commands (hold, fallback, limits). With a lag, the wheel
+angle reported is used too: what a step of the model does not explain is taken for another lag,
+and a part of it for an offset, as of play.
 
 A measurement is used at the sample at which it was taken. The filter stays at the newest sample
 whose measurement and echo are both known or definitely lost. From there it runs ahead, again at
@@ -34,6 +35,8 @@ STARTS_ANEW_AFTER = 256
 """Samples without an echo and a measurement after which the estimate is discarded."""
 _SETTLES_S = 1.0
 """Time after which the filter knows yaw rate and side slip from any initial state."""
+_STAYS_BEHIND = 0.1
+"""Part of a difference between wheel and model that is taken for an offset; chosen."""
 GAP_DOUBLINGS = 6
 GAP_MAX = 2**GAP_DOUBLINGS
 """Samples from one measurement to the next for which there is a gain: as long as a controller
@@ -116,7 +119,10 @@ def correction_of(table: Sequence[Correction], index: int) -> Correction:
 
 
 class EstimatorState(NamedTuple):
-    """The estimate at one sample; ``sample`` is -1 before the first."""
+    """The estimate at one sample; ``sample`` is -1 before the first.
+
+    ``behind_rad``  the part of the offset by which the wheel stays behind the commands
+    """
 
     sample: int
     side_slip_rad: float
@@ -126,11 +132,12 @@ class EstimatorState(NamedTuple):
     curvature_1_m: float
     offset_rad: float
     wheel_rad: float
+    behind_rad: float = 0.0
 
 
 def estimator_at_rest(lateral_error_m: float) -> EstimatorState:
     """Return the estimate of a vehicle at rest next to its path, before the first sample."""
-    return EstimatorState(-1, 0.0, 0.0, 0.0, lateral_error_m, 0.0, 0.0, 0.0)
+    return EstimatorState(-1, 0.0, 0.0, 0.0, lateral_error_m, 0.0, 0.0, 0.0, 0.0)
 
 
 def model_step(
@@ -140,7 +147,7 @@ def model_step(
 
     ``change_1_m``  of the path's curvature until then
     """
-    sample, beta, r, psi, y, rho, d, delta = x
+    sample, beta, r, psi, y, rho, d, delta, behind = x
     after = (
         sample + 1,
         g.beta_beta * beta
@@ -167,6 +174,7 @@ def model_step(
         rho + change_1_m,
         d,
         g.delta_delta * delta + g.delta_u * command_rad,
+        behind,
     )
     return new_record(EstimatorState, after)
 
@@ -200,7 +208,7 @@ def correction_step(
     k: Correction, x: EstimatorState, lateral_error_m: float, heading_error_rad: float
 ) -> EstimatorState:
     """Return the state corrected by the measurement of its sample."""
-    sample, beta, r, psi, y, rho, d, delta = x
+    sample, beta, r, psi, y, rho, d, delta, behind = x
     e_y, e_psi = lateral_error_m - y, heading_error_rad - psi
     corrected = (
         sample,
@@ -211,6 +219,7 @@ def correction_step(
         rho + (k.rho_from_y * e_y + k.rho_from_psi * e_psi),
         d + (k.d_from_y * e_y + k.d_from_psi * e_psi),
         delta,
+        behind,
     )
     return new_record(EstimatorState, corrected)
 
@@ -280,17 +289,22 @@ def _mean_command(
 
 
 def at_measured_wheel(
-    loop_delay: LoopDelay, history: History, x: EstimatorState
+    g: VehicleGains, loop_delay: LoopDelay, history: History, x: EstimatorState
 ) -> EstimatorState:
-    """Return the state with the wheel's angle as its sample's STEERING_STATUS reports it."""
-    sample, beta, r, psi, y, rho, d, _ = x
+    """Return the state with the wheel's angle as its sample's STEERING_STATUS reports it.
+
+    A lost sample has the values of the one before, and with them the same command.
+    """
+    sample, beta, r, psi, y, rho, d, delta, behind = x
     at, before = sample & history.sample_mask, (sample - 1) & history.sample_mask
-    measured_rad, tick = history.wheel_rad[at], history.applied_tick[at]
-    # A lost sample has the values of the one before.
-    is_received = tick != history.applied_tick[before] or measured_rad != history.wheel_rad[before]
-    if tick < 0 or sample > loop_delay.echo_sample or not is_received:
+    tick = history.applied_tick[at]
+    is_new = tick >= 0 and tick != history.applied_tick[before]
+    if g.delta_delta == 0.0 or sample > loop_delay.echo_sample or not is_new:
         return x
-    return EstimatorState(sample, beta, r, psi, y, rho, d, measured_rad)
+    more = history.wheel_rad[at] - behind - delta
+    part = _STAYS_BEHIND * more
+    delta, d, behind = delta + (more - part), d + part, behind + part
+    return EstimatorState(sample, beta, r, psi, y, rho, d, delta, behind)
 
 
 def estimate_to(
@@ -304,7 +318,7 @@ def estimate_to(
     """Return the estimate at ``sample``, using the measurements up to it."""
     while x.sample < sample:
         x = step_on_path(g, loop_delay, history, x, command_from(p, loop_delay, history, x.sample))
-        x = at_measured_wheel(loop_delay, history, x)
+        x = at_measured_wheel(g, loop_delay, history, x)
         index = x.sample & history.sample_mask
         if history.has_error[index]:
             k = correction_at(g, history, x.sample)
@@ -324,4 +338,4 @@ def start_estimate(x: EstimatorState, loop_delay: LoopDelay, history: History) -
         return estimator_at_rest(x.lateral_error_m)
     heading_rad, error_m = history.heading_error_rad[index], history.lateral_error_m[index]
     curvature_1_m = history.curvature_1_m[index] if known <= loop_delay.path_end else 0.0
-    return EstimatorState(known, 0.0, 0.0, heading_rad, error_m, curvature_1_m, 0.0, 0.0)
+    return EstimatorState(known, 0.0, 0.0, heading_rad, error_m, curvature_1_m, 0.0, 0.0, 0.0)

@@ -85,7 +85,7 @@ def test_a_lane_change_is_held_better_than_by_the_predictor(
 
 
 def test_a_plan_that_knows_the_rate_limit_turns_in_time() -> None:
-    """Of a steering of 0.06 rad/s; a rate limit that is not known takes the car off the road."""
+    """Of a steering of 0.06 rad/s."""
     slow = {**ROAD, "plant.path_ahead": {}, "plant.actuator.rate_limit_rad_s": 0.06}
     knows, ignores = (
         simulate(
@@ -95,14 +95,14 @@ def test_a_plan_that_knows_the_rate_limit_turns_in_time() -> None:
         for rate_rad_s in (0.06, 0.6)
     )  # fmt: skip
     assert knows.peak_m < 0.8
-    assert ignores.peak_m > 2.0
+    assert ignores.peak_m > 1.4 * knows.peak_m
 
 
-@pytest.mark.parametrize(("wheel_lag_s", "is_stable"), [(0.115, True), (0.0, False)])
-def test_a_check_counts_on_the_lag_that_the_law_believes_in(
+@pytest.mark.parametrize(("wheel_lag_s", "is_stable"), [(0.115, True), (0.0, True), (0.6, False)])
+def test_a_check_counts_on_the_wheel_that_the_law_reads(
     wheel_lag_s: float, is_stable: bool
 ) -> None:
-    """At 100 km/h and 200 ms: linear there, and lost where the steering is faster than believed."""
+    """At 100 km/h and 200 ms, where the steering is faster or slower than believed."""
     believing = controller_preset("highway_mpc")
     fast = vehicle_of(believing).vehicle._replace(speed_m_s=27.8, virtual_mass_kg=1400.0)
     around = PeriodicLoop(design_law(believing), believing.loop_delay, LoopModel(fast, wheel_lag_s))
@@ -110,6 +110,20 @@ def test_a_check_counts_on_the_lag_that_the_law_believes_in(
     checked = loop_around(believing, fast, {})
     assert isinstance(checked, PeriodicLoop)
     assert checked.loop_model.actuator_lag_s == 0.115
+
+
+@pytest.mark.parametrize(
+    ("plant", "off_m"),
+    [("large_sedan", 0.1), ("highway_nominal", 0.1), ("bmw_320i", 0.1), ("city_bus", 0.5)],
+)
+def test_another_car_is_held_within_the_default_limits(plant: str, off_m: float) -> None:
+    """At 200 ms, with noise: steering lags of 0, 9, 50 and 100 ms where 115 ms are believed."""
+    noise = {"lateral_error_m": 0.02, "heading_error_rad": 0.002, "yaw_rate_rad_s": 0.003}
+    run = simulate(
+        *(plant, "highway_mpc"),
+        latency_s=0.2, duration_s=30, engine="compiled", overrides={"plant.sensor_noise": noise},
+    )  # fmt: skip
+    assert run.peak_m < off_m
 
 
 def test_a_model_that_changes_is_refused_in_one_line() -> None:

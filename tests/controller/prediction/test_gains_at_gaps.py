@@ -37,7 +37,7 @@ def gains_in(params: Any) -> Iterator[VehicleGains]:
 
 def units_after(gains: VehicleGains, gap: int) -> list[EstimatorState]:
     """Return what a gap without steer makes of an error of one in every state."""
-    units = [EstimatorState._make([0, *unit, 0.0]) for unit in np.eye(STATES).tolist()]
+    units = [EstimatorState(0, *unit, 0.0) for unit in np.eye(STATES).tolist()]
     for _ in range(gap):
         units = [model_step(gains, unit, 0.0) for unit in units]
     return units

@@ -170,7 +170,7 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     estimates = {estimate.sample: estimate for estimate in node.estimates if estimate.sample >= 0}
     first, last = min(estimates), max(estimates)
     assert len(estimates) > 500
-    commands_rad, measurements = record(node, first, last)
+    commands_rad, measurements, wheels_rad = record(node, first, last)
     lost = measurements.count(None)
     assert 0.03 * len(measurements) < lost < 0.7 * len(measurements)
 
@@ -179,12 +179,17 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     gains = params(node._received.vehicle.speed_m_s).gains
     reference = reference_filter(settings.estimator, node._received.vehicle.speed_m_s)
     reference.F, reference.B = model_of(gains)  # of this speed, between two of the table
-    reference.x = np.array(estimates[first][1:])[:, None]
+    reference.x, behind_rad = np.array(estimates[first][1:8])[:, None], estimates[first].behind_rad
     gap = 0
-    for sample, command_rad, measured in zip(
-        range(first + 1, last + 1), commands_rad, measurements, strict=True
+    for sample, command_rad, measured, wheel_rad in zip(
+        range(first + 1, last + 1), commands_rad, measurements, wheels_rad, strict=True
     ):
         reference.predict_steadystate(np.array([[command_rad]]))
+        if lag_s and wheel_rad is not None:  # nine tenths another lag, a tenth an offset
+            more_rad = wheel_rad - behind_rad - reference.x[6, 0]
+            reference.x[6, 0] += 0.9 * more_rad
+            reference.x[5, 0] += 0.1 * more_rad
+            behind_rad += 0.1 * more_rad
         gap += 1
         correction = gains.corrections[ceil(log2(gap))]
         reference.K = np.vstack([gain_matrix(correction), np.zeros(2)])
@@ -193,18 +198,21 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
             gap = 0
         if sample in estimates:
             np.testing.assert_allclose(
-                estimates[sample][1:], reference.x[:, 0], rtol=1e-9, atol=1e-12
+                estimates[sample][1:],
+                [*reference.x[:, 0], behind_rad if lag_s else 0.0],
+                rtol=1e-9,
+                atol=1e-12,
             )
 
 
 def record(
     node: ControllerNode, first: int, last: int
-) -> tuple[list[float], list[tuple[float, float] | None]]:
+) -> tuple[list[float], list[tuple[float, float] | None], list[float | None]]:
     """Return what filterpy is given, read off the node's history when all is over."""
     bus_history = node._law.bus_history
     assert bus_history is not None
     history = bus_history.history
-    commands_rad, measurements = [], []
+    commands_rad, measurements, wheels_rad = [], [], []
 
     def sent_rad(tick: int) -> float:
         return history.sent_rad[tick] if tick >= 0 else 0.0
@@ -215,12 +223,14 @@ def record(
         came = history.has_error[sample]
         observed = history.lateral_error_m[sample], history.heading_error_rad[sample]
         measurements.append(observed if came else None)
-    return commands_rad, measurements
+        is_new = applied[1] >= 0 and applied[0] != applied[1]
+        wheels_rad.append(history.wheel_rad[sample] if is_new else None)
+    return commands_rad, measurements, wheels_rad
 
 
 def model_of(gains: VehicleGains) -> tuple[np.ndarray, np.ndarray]:
     """Return F and B by what a step makes of every unit, shapes (7, 7) and (7, 1)."""
     units = np.eye(7)
-    f = [model_step(gains, EstimatorState(0, *unit), 0.0)[1:] for unit in units]
-    b = model_step(gains, EstimatorState(0, *np.zeros(7)), 1.0)[1:]
+    f = [model_step(gains, EstimatorState(0, *unit), 0.0)[1:8] for unit in units]
+    b = model_step(gains, EstimatorState(0, *np.zeros(7)), 1.0)[1:8]
     return np.array(f).T, np.array(b)[:, None]
