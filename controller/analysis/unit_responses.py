@@ -76,7 +76,9 @@ class _LoopInput:
         self.period_ns = timing.loop_delay.period_ns
         self.sent_rad = [0.0] * _RING
         self.lateral_error_m = [0.0] * _RING
-        self.measured = [self.lateral_error_m, *([0.0] * _RING for _ in range(2))]
+        self.heading_error_rad = [0.0] * _RING
+        self.wheel_rad = [0.0] * _RING
+        self.measured = self.lateral_error_m, self.heading_error_rad, self.wheel_rad
         applied = [-1] * _RING
         last = timing.first_sample + timing.samples
         for sample in range(max(0, last - _RING + 1), last + 1):
@@ -85,11 +87,12 @@ class _LoopInput:
             _RING - 1,
             _RING - 1,
             self.sent_rad,
-            *self.measured[:2],
+            self.lateral_error_m,
+            self.heading_error_rad,
             [True] * _RING,
             applied,
             [False] * _RING,
-            self.measured[2],
+            self.wheel_rad,
         )
 
     def observed(self, tick: int) -> LawInput:

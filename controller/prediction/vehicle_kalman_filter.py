@@ -14,9 +14,9 @@ sample before was measured, too. After a gap it weighs the measurement as what t
 by then, for the next of 2, 4 ... ``GAP_MAX`` samples: the steady-state gain would let the error
 grow where only every third or fourth measurement comes.
 u[k] is what the plant reported as applied from sample k to k + 1: the command named by the echo, or
-the wheel angle while the steering overrules commands (hold, fallback, limits). With a lag, the wheel
-angle reported is used too: what a step of the model does not explain is taken for another lag,
-and a part of it for an offset, as of play.
+the wheel angle while the steering overrules commands (hold, fallback, limits). With a lag the
+reported wheel angle is used too: what a step of the model does not explain is taken for another
+lag, and a part of it for an offset, as of play.
 
 A measurement is used at the sample at which it was taken. The filter stays at the newest sample
 whose measurement and echo are both known or definitely lost. From there it runs ahead, again at
