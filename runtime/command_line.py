@@ -187,8 +187,10 @@ def start_program(
     ``name``  of the program, for error messages
 
     The import takes up to two seconds, in which neither Ctrl-C nor a missing library or a damaged
-    DBC may cause a traceback.
+    DBC may cause a traceback. OpenBLAS waits for ever for the memory of threads that it cannot
+    have, and the matrices here are small: it has none.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         status: int = getattr(importlib.import_module(module), function)(arguments)
         return status

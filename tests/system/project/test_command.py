@@ -231,3 +231,15 @@ def test_the_script_for_a_shell_names_the_command(
 ) -> None:
     assert main(["--completion", shell]) == 0
     assert "steer-by-wire" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kilobytes", [150_000, 250_000])
+def test_too_little_memory_ends_in_a_line(kilobytes: int) -> None:
+    own = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    words = f"{sys.executable} -m steer_by_wire run --duration 0.1"
+    limited = ["sh", "-c", f"ulimit -v {kilobytes}; exec {words}"]
+    done = subprocess.run(
+        limited, cwd=ROOT, env=own, timeout=PATIENCE_S, text=True, capture_output=True
+    )
+    assert done.returncode in (0, 2)
+    assert done.returncode == 0 or len(done.stderr.splitlines()) == 1
