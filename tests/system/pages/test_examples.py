@@ -61,6 +61,12 @@ def check_own_network(runs: Any) -> None:
     assert 0.06 < np.nanmedian(latency_s[3000:]) < 0.09
 
 
+def check_own_car(intervals: Any) -> None:
+    low, high = intervals["understeer_gradient_rad_s2_m"]
+    assert low <= (1.491 / 145_700 - 1.45 / 239_500) * 2010.5 / 2.941 <= high
+    assert all(0.1 < peak_m < 0.2 for peak_m in intervals["peaks_m"])
+
+
 def check_two_studies(tables: Any) -> None:
     worst = {
         order: np.max(table["settled_rms_m"][table["controller"] == "practical_pd_ddob"])
@@ -117,6 +123,7 @@ def check_packetised_mpc(runs: Any) -> None:
 
 CHECKS: dict[str, Callable[[Any], None]] = {
     "first_loop": check_first_loop,
+    "own_car_from_a_log": check_own_car,
     "own_network_from_a_log": check_own_network,
     "two_studies_compared": check_two_studies,
     "own_latency_model": check_own_latency_model,
