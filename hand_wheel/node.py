@@ -121,16 +121,12 @@ class HandWheelNode:
         self._reception = Reception(RECEIVED, settings.counters, SENT)
         self._unauthenticated = 0
         self._wheel_params, self._wheel = settings.wheel_params, AT_REST
-        self._law, self._feedback_params = (
-            FEEDBACK_LAWS[settings.feedback.law],
-            settings.feedback_params,
-        )
+        self._law = FEEDBACK_LAWS[settings.feedback.law]
+        self._feedback_params = settings.feedback_params
         self._feedback = feedback_at_rest(self._feedback_params)
         self._driver_params = settings.driver_params
-        self._driver, self._hands = (
-            driver_at_rest(self._driver_params),
-            Hands(HANDS_OFF, 0.0, 0.0, 0.0),
-        )
+        self._driver = driver_at_rest(self._driver_params)
+        self._hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
         reads = self._law.reads
         self._road = None if reads is None else self._reception.newest(reads)
         self._orders = self._reception.newest(HandWheelFeedback)
@@ -291,13 +287,9 @@ class HandWheelNode:
             self._steered_by, self._ordered_n_m = SteeredBy.DRIVER, 0.0
         angle_rad, rate_rad_s, _, _ = self._wheel
         driver_steers = self._steered_by is not SteeredBy.LAW
+        time_ns, seen = due_ns - self._start_ns, (self._sight, angle_rad)
         self._driver, self._hands = driver_step(
-            self._driver_params,
-            self._driver,
-            self._sight,
-            angle_rad,
-            due_ns - self._start_ns,
-            driver_steers,
+            self._driver_params, self._driver, *seen, time_ns, driver_steers
         )
         self._hands = self._person(now_ns) or self._hands
         first_share = self._share if before.mode is not Mode.WAITING else 1.0
@@ -308,12 +300,9 @@ class HandWheelNode:
         local_n_m = -damping * rate_rad_s
         if mode in (Mode.ACTIVE, Mode.HOLDING) or self._share > 0.0:
             inputs = FeedbackInput(angle_rad, rate_rad_s, self._rack_force_n, self._wheel_rad)
-            self._feedback, against_n_m = self._law.step(
-                self._feedback_params, self._feedback, inputs
-            )
-            self._feedback, self._law_n_m = resist(
-                self._feedback_params, self._feedback, against_n_m, rate_rad_s
-            )
+            p, step = self._feedback_params, self._law.step
+            self._feedback, against_n_m = step(p, self._feedback, inputs)
+            self._feedback, self._law_n_m = resist(p, self._feedback, against_n_m, rate_rad_s)
         felt_n_m = self._law_n_m if driver_steers else self._servo_n_m()
         # The assist of the law needs no road, only a wheel that is sound.
         assist_n_m = self._ordered_n_m * (self._share if self._failure else 1.0)
@@ -367,15 +356,5 @@ class HandWheelNode:
             self._samples_left -= 1
             time_s = (due_ns - self._start_ns) / NS_PER_S
             road_n = self._rack_force_n if self._road is not None else nan
-            self.samples.append(
-                HandWheelSample(
-                    time_s,
-                    angle_rad,
-                    rate_rad_s,
-                    driver_n_m,
-                    motor_n_m,
-                    road_n,
-                    self._mode.mode,
-                    self._steered_by,
-                )
-            )
+            motion = time_s, angle_rad, rate_rad_s, driver_n_m, motor_n_m, road_n
+            self.samples.append(HandWheelSample(*motion, self._mode.mode, self._steered_by))

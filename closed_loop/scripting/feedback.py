@@ -23,6 +23,13 @@ def road_torque(vehicle: VehicleParams, torque_gradient_n_m: float, rack: Rack) 
     return nominal_road_torque(known, torque_gradient_n_m, rack)
 
 
+def spring_torque(road: LinearSystem, gradient_n_m: float, rack: Rack) -> LinearSystem:
+    """Return a road whose torque is that of a spring, which the road wheels stretch."""
+    of_wheel = np.zeros(len(road.c))
+    of_wheel[0] = gradient_n_m * rack.steering_ratio
+    return road._replace(c=of_wheel)
+
+
 def feedback_loop(plant: PlantSettings, wheel: HandWheelSettings) -> SampledFeedback | None:
     """Return the loop of a pair's hand wheel, linear and without friction; None for no bus in it.
 
@@ -34,9 +41,7 @@ def feedback_loop(plant: PlantSettings, wheel: HandWheelSettings) -> SampledFeed
     rack = Rack(steering_ratio=wheel.steering_ratio, lag_s=max(plant.actuator.lag_s, 1e-6))
     road = road_torque(vehicle_params(plant.vehicle), law.torque_gradient_n_m, rack)
     if law.law == "spring":
-        of_wheel = np.zeros(len(road.c))
-        of_wheel[0] = law.torque_gradient_n_m * wheel.steering_ratio
-        road = road._replace(c=of_wheel)
+        road = spring_torque(road, law.torque_gradient_n_m, rack)
     damping_n_m_s = table.damping_n_m_s + law.damping_n_m_s
     held = held_wheel(
         HandWheel(table.inertia_kg_m2, damping_n_m_s, table.motor_lag_s), GRIPS[wheel.driver.grip]

@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque, spring_torque
 from steer_by_wire.hand_wheel.node import HandWheelNode
 from steer_by_wire.hand_wheel.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.sampled_loop import sampled_feedback, unstable_round_trips
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
-from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
+from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
@@ -81,8 +81,7 @@ def is_unstable(loop: Loop, gradient_n_m: float) -> bool:
     rack = Rack(lag_s=loop.lag_s)
     road = road_torque(loop.vehicle, gradient_n_m, rack)
     if loop.law == "spring":
-        of_wheel = np.array([gradient_n_m * rack.steering_ratio, 0.0, 0.0])
-        road = LinearSystem(road.a, road.b, of_wheel)
+        road = spring_torque(road, gradient_n_m, rack)
     wheel = held_wheel(HandWheel(damping_n_m_s=loop.damping_n_m_s), GRIPS[loop.grip])
     cycle_s = loop.cycle_ms / 1e3
     law = sampled_cdob(road, cycle_s) if loop.law == "cdob" else PASS_THROUGH

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque, spring_torque
 from steer_by_wire.hand_wheel.sampled_laws import (
     PASS_THROUGH,
     SampledLaw,
@@ -78,10 +78,7 @@ class Bench(NamedTuple):
 
     def spring(self, grip: float = 1.0) -> LinearSystem:
         """Return the torque of a spring that the road wheels stretch; all of it is nominal."""
-        road = self.road(1.0, grip)
-        of_wheel = np.zeros(len(road.c))
-        of_wheel[0] = self.gradient_n_m * self.rack.steering_ratio
-        return road._replace(c=of_wheel)
+        return spring_torque(self.road(1.0, grip), self.gradient_n_m, self.rack)
 
     def loop(self, design: "Design", factor: float, grip: float = 1.0) -> SampledFeedback:
         """Return the loop of a design, without hands."""

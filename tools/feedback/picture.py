@@ -60,6 +60,9 @@ def draw_frontier(points: Iterable[Point], title: str) -> bytes:
         for axes, what in ((changed, "felt torque changed by [%]"), (late, "road felt after [ms]")):
             axes.axvspan(trips[0], REAL_BUS_MS, color="0.5", alpha=0.12)
             axes.set(xscale="log", yscale="log", xlabel="round trip of the bus [ms]", ylabel=what)
+            axes.set_xticks(trips, [f"{trip:g}" for trip in trips], minor=False)
+            axes.set_xticks([], minor=True)
+            axes.yaxis.set_major_formatter("{x:g}")
         changed.set(title=title, ylim=(2.0, 2000.0))
         changed.annotate("a cycle of 10 ms each way", (trips[0], 2.2), color="0.4", fontsize=8)
         changed.legend(fontsize=8)
