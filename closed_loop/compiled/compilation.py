@@ -70,6 +70,11 @@ class DigestedFiles(_CacheFiles):  # type: ignore[misc]
     pickle.
     """
 
+    def save(self, key: Any, data: Any) -> None:
+        """Keep compiled code, unless the disk is full."""
+        with suppress(OSError):
+            super().save(key, data)
+
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[IO[bytes]]:
         with super()._open_for_write(filepath) as file:
@@ -169,10 +174,14 @@ def _in_one_process(compile_one: Callable[..., Any], name: str, folder: Path) ->
 
     def compile_or_wait(arguments: Any) -> Any:
         key = hashlib.sha256(f"{name} {arguments}".encode()).hexdigest()[:16]
-        folder.mkdir(parents=True, exist_ok=True)  # newer sources may have had it removed
+        try:
+            folder.mkdir(parents=True, exist_ok=True)  # newer sources may have had it removed
+            lock_file = (folder / f"{key}.lock").open("w")
+        except OSError:
+            return compile_one(arguments)
         # Lock the threads of this process first: one that waits for the file's lock could block the
         # one that has to release it.
-        with global_compiler_lock, (folder / f"{key}.lock").open("w") as lock, no_collections():
+        with global_compiler_lock, lock_file as lock, no_collections():
             fcntl.flock(lock, fcntl.LOCK_EX)
             return compile_one(arguments)
 

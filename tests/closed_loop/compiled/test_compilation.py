@@ -9,7 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.compiled.compilation import DigestedFiles, _forget_unused
+from steer_by_wire.closed_loop.compiled.compilation import (
+    DigestedFiles,
+    _forget_unused,
+    _in_one_process,
+)
 
 COMPILE_AND_COUNT = """
 import os
@@ -93,3 +97,11 @@ def test_damaged_code_is_forgotten_and_never_loaded(tmp_path: Path) -> None:
             del content[rng.randrange(len(content)) :]
         file.write_bytes(content)
         assert files.load("key") is None
+
+
+def test_code_that_no_disk_takes_is_not_kept(tmp_path: Path) -> None:
+    no_folder = tmp_path / "file"
+    no_folder.touch()
+    DigestedFiles(str(no_folder), "step", "stamp").save("key", ["code"])
+    waiting = _in_one_process(lambda arguments: arguments, "step", no_folder / "locks")
+    assert waiting("compiled") == "compiled"
