@@ -26,9 +26,9 @@ from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque, spri
 from steer_by_wire.hand_wheel.sampled_laws import (
     PASS_THROUGH,
     SampledLaw,
+    model_alone,
     sampled_cdob,
     sampled_dob,
-    zero_order_hold,
 )
 from steer_by_wire.hand_wheel.sampled_loop import (
     SampledFeedback,
@@ -208,16 +208,13 @@ def _best(name: str, candidates: Sequence[Candidate], at_s: float) -> list[Point
 
 
 def _families(bench: Bench) -> Mapping[str, Iterable[Design]]:
-    a, b, c = zero_order_hold(bench.road(), bench.cycle_s)
-    inputs = np.column_stack((b, np.zeros((len(b), 2))))
-    model = SampledLaw(a, inputs, c, np.zeros(3))
     return {
         "pass-through": damped(bench, PASS_THROUGH, "", _DAMPINGS_N_M_S),
         "spring": (
             design._replace(is_spring=True)
             for design in damped(bench, PASS_THROUGH, "", _DAMPINGS_N_M_S)
         ),
-        "model": [Design("no road", model)],
+        "model": [Design("no road", model_alone(bench.road(), bench.cycle_s))],
         "DOB": _observed(bench),
         "CDOB": (
             design
@@ -302,11 +299,8 @@ def responses(
 
 def road_response(road: LinearSystem, cycle_s: float) -> NDArray[np.complex128]:
     """Return the road's torque by the wheel's angle over BAND_RAD_S, without a bus."""
-    a, b, c = zero_order_hold(road, cycle_s)
-    column = np.column_stack((b, np.zeros((len(b), 2))))
-    by_angle: NDArray[np.complex128] = responses(
-        SampledLaw(a, column, c, np.zeros(3)), BAND_RAD_S, cycle_s
-    )[0]
+    by_angle: NDArray[np.complex128]
+    by_angle, _, _ = responses(model_alone(road, cycle_s), BAND_RAD_S, cycle_s)
     return by_angle
 
 

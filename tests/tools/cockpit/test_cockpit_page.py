@@ -306,6 +306,7 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     begun = [
         f"Number.isFinite(cockpit.lanes[0].value('steer_rad', begunS - {s}))" for s in (0.0, 1.0)
     ]
+    browser.wait_for("window.begunS !== undefined")
     assert [browser.read(is_steered) for is_steered in begun] == [True, False]
     browser.wait_for(f"{value_of('steer_in_effect_rad')} > 0.01")
     browser.wait_for(f"{value_of('lateral_error_m')} > 0.01")
