@@ -15,6 +15,7 @@ A mapping is TOML with a table for each column that is read:
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -22,7 +23,6 @@ from types import MappingProxyType
 import numpy as np
 from pydantic import Field
 
-from ...runtime.array_types import FloatArray
 from ...runtime.settings import Settings, SettingsError, load_settings
 from ...runtime.settings.number_table import column_names, convert_cells, read_number_table
 from .time_series import PAUSE_S, Channel, Quantity, continuous
@@ -184,25 +184,19 @@ def _unit_line(role: str, column: str) -> str:
     return f'unit = "{unit}"  # {"by its name" if found else "a guess"}: {", ".join(units)}'
 
 
-def joined(parts: Sequence[Sequence[Channel]]) -> list[Channel]:
-    """Return the channels of several files, one after the other in time."""
-    channels: dict[str, Channel] = {}
-    end_s = 0.0
-    for part in parts:
-        first_s = min(float(one.time_s[0]) for one in part if len(one.time_s))
-        shift_s = end_s - first_s
-        for one in part:
-            moved = one._replace(time_s=one.time_s + shift_s)
-            before = channels.get(one.name)
-            channels[one.name] = moved if before is None else _appended(before, moved)
-        end_s = max(float(one.time_s[-1]) for one in channels.values()) + PAUSE_S
-    return [*channels.values()]
-
-
-def _appended(before: Channel, after: Channel) -> Channel:
-    def both(one: FloatArray, other: FloatArray) -> FloatArray:
-        return np.concatenate((one, other))
-
-    return before._replace(
-        time_s=both(before.time_s, after.time_s), values=both(before.values, after.values)
-    )
+def joined(drives: Sequence[Sequence[Channel]]) -> list[Channel]:
+    """Return the channels of several drives, one after the other in time."""
+    parts, end_s = defaultdict[str, list[Channel]](list), 0.0
+    for drive in drives:
+        shift_s = end_s - min(float(one.time_s[0]) for one in drive if len(one.time_s))
+        for one in drive:
+            parts[one.name].append(one._replace(time_s=one.time_s + shift_s))
+        last = (part[-1].time_s for part in parts.values())
+        end_s = max(float(time_s[-1]) for time_s in last if len(time_s)) + PAUSE_S
+    return [
+        part[0]._replace(
+            time_s=np.concatenate([one.time_s for one in part]),
+            values=np.concatenate([one.values for one in part]),
+        )
+        for part in parts.values()
+    ]

@@ -198,16 +198,13 @@ class _Bounds(NamedTuple):
         is_wide = half > (_SHARE if parameter.is_log else 0.01)
         if not (is_near or is_wide):
             return low, high
-        bounds = profile(self.found, self.judged, quantity.source, self.progress)
+        lowest, highest = profile(self.found, self.judged, quantity.source, self.progress)
         if quantity.name != parameter.name and quantity.source != "lag_squared_s2":
             # Of a product the profile of one factor tells no more than whether there is an end.
-            return (
-                -inf if bounds.low == -inf else low,
-                inf if bounds.high == inf else high,
-            )
+            return (-inf if lowest == -inf else low, inf if highest == inf else high)
         values = self.found.values
         ends = []
-        for end, none in ((bounds.low, -inf), (bounds.high, inf)):
+        for end, none in ((lowest, -inf), (highest, inf)):
             if abs(end) == inf:
                 ends.append(0.0 if none < 0.0 and quantity.source == "lag_squared_s2" else none)
             else:

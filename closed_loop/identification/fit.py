@@ -5,11 +5,10 @@
     A = JᵀJ + P,  P = diag(1/s₀²)                             Fisher information
     cov θ = A⁻¹ (B + P) A⁻¹,  B = Σ_l w_l Γ_l                 of the scores Jᵀe
 
-Errors of a model are no white noise: a wrong car is wrong for seconds. So B sums the scores'
-correlations Γ over lags up to l = L by Bartlett's weights (Newey, West, Econometrica 55, 1987),
-with the L of Andrews (Econometrica 59, 1991) and the critical values for L over the number of
-samples of Kiefer, Vogelsang (Econometric Theory 21, 2005). For white errors that is the usual
-covariance.
+Errors of a model are no white noise: a wrong car is wrong for as long as a manoeuvre lasts, L. So B
+sums the scores' correlations Γ over lags up to l = L by Bartlett's weights (Newey, West,
+Econometrica 55, 1987), with the critical values for L over the number of samples of Kiefer,
+Vogelsang (Econometric Theory 21, 2005). For white errors L is 0, which is the usual covariance.
 """
 
 import os
@@ -23,7 +22,7 @@ from scipy.signal import fftconvolve
 
 from ...runtime.array_types import FloatArray
 from .parameters import Problem
-from .response import Grid, Response, Samples, residuals_percent, respond, seen
+from .response import Grid, Response, Samples, respond, seen
 
 Progress = Callable[[str, int, int], None]
 """Takes what is done, how often it was, and how often it will be at most; raises Stopped."""
@@ -261,14 +260,11 @@ def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-30))
     inverse = np.linalg.pinv(information * np.outer(scale, scale), 1e-12) * np.outer(scale, scale)
     scores = _scores(judge.samples, free * residuals[:rows, None])
-    lags = _lags(errors, len(scores))
+    lags = 0 if all(map(is_white, errors)) else len(scores) // _MANOEUVRES
     robust = inverse @ (long_run_sums(scores, lags) + prior) @ inverse
-    # A model's error is no stationary noise: coloured errors are taken to last as long as a
-    # manoeuvre, too. Never less than white errors would give: that would be chance.
-    lasting = len(scores) // _MANOEUVRES if lags else 0
-    longer = inverse @ (long_run_sums(scores, lasting) + prior) @ inverse
-    wanted = np.maximum(np.diagonal(inverse), np.diagonal(longer))
-    floor = np.sqrt(np.maximum(1.0, wanted / np.maximum(np.diagonal(robust), 1e-300)))
+    # Never less than white errors would give: that would be chance.
+    less = np.diagonal(inverse) / np.maximum(np.diagonal(robust), 1e-300)
+    floor = np.sqrt(np.maximum(1.0, less))
     robust *= np.outer(floor, floor)
     robust += judge.unresolved(x, inverse @ free.T)
     # What is assumed moves what is sought.
@@ -278,7 +274,7 @@ def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     plain = covariance.copy()
     covariance[:sought, :sought] += robust
     plain[:sought, :sought] += inverse
-    share = max(lags, lasting) / len(scores)
+    share = lags / len(scores)
     critical = 1.96 + share * (2.9694 + share * (0.4160 - 0.5324 * share))
     cost = float(residuals @ residuals)
     deviations = judge.deviations
@@ -295,16 +291,6 @@ def _scores(samples: Sequence[Samples], products: FloatArray) -> FloatArray:
     summed = np.zeros((int(at.max()) + 1, products.shape[1]))
     np.add.at(summed, at, products)
     return summed
-
-
-def _lags(errors: Sequence[FloatArray], periods: int) -> int:
-    """Return Andrews' L for the most correlated errors, taken as AR(1)."""
-    alike = max(samples_alike(e) for e in errors)
-    if all(is_white(e) for e in errors):
-        return 0
-    kept = min((alike - 1.0) / (alike + 1.0), 0.995)
-    alpha = 4.0 * kept**2 / ((1.0 - kept) ** 2 * (1.0 + kept) ** 2)
-    return int(min(1.1447 * (alpha * periods) ** (1.0 / 3.0), periods / 6))
 
 
 def samples_alike(errors: FloatArray) -> float:
@@ -332,8 +318,3 @@ def long_run_sums(scores: FloatArray, lags: int) -> FloatArray:
     weights = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0)
     summed: FloatArray = scores.T @ fftconvolve(scores, weights[:, np.newaxis], "same", axes=0)
     return 0.5 * (summed + summed.T)
-
-
-def yaw_rate_residual_percent(found: Fit, samples: Sequence[Samples]) -> float:
-    """Return 100 rms(measured − seen)/std(measured) of the first yaw rate."""
-    return residuals_percent(samples[0], found.errors[0])

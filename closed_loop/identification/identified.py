@@ -22,7 +22,6 @@ from .fit import (
     refit,
     rms,
     samples_alike,
-    yaw_rate_residual_percent,
 )
 from .parameters import FRICTION_MAX, Known, problem_of
 from .response import Grid, Samples, grid_of, residuals_percent, samples_of
@@ -91,13 +90,13 @@ def identify(
             delays_ms = [1e3 * one.values["delay_and_lag_s"] for one in (found, alone)]
             notes.append(
                 f"lateral acceleration left out: with it the yaw rate's residual is"
-                f" {yaw_rate_residual_percent(found, samples):.1f} %, without"
-                f" {yaw_rate_residual_percent(alone, its_samples):.1f} %, delay and lag"
+                f" {residuals_percent(samples[0], found.errors[0]):.1f} %, without"
+                f" {residuals_percent(its_samples[0], alone.errors[0]):.1f} %, delay and lag"
                 f" {delays_ms[0]:.0f} and {delays_ms[1]:.0f} ms: roll, or the place of its sensor"
                 " (lateral_acceleration_ahead_m of --known)"
             )
             found_all, drive, found, samples = found, rates, alone, its_samples
-    residual = yaw_rate_residual_percent(found, samples)
+    residual = residuals_percent(samples[0], found.errors[0])
     if found.is_whole:
         _refuse_misfit(found, samples, grid, residual)
     figures = figures_of(found, (grid, samples), progress)
@@ -245,12 +244,9 @@ def _refuse_misfit(found: Fit, samples: Sequence[Samples], grid: Grid, residual:
 
 
 class Prediction(NamedTuple):
-    """The residual of a vehicle in another drive, and what of its sensors was sought there."""
+    """The residual of a vehicle in another drive."""
 
     residual_percent: float
-    found: Fit
-    samples: Sequence[Samples]
-    grid: Grid
     notes: Sequence[str]
 
 
@@ -273,5 +269,4 @@ def predict(drive: Drive, vehicle: IdentifiedVehicle) -> Prediction:
             f" {'later' if shift_s > 0.0 else 'earlier'} than in the vehicle's log: corrected"
         )
         found = shifted
-    percent = residuals_percent(samples[0], found.errors[0])
-    return Prediction(percent, found, samples, grid, notes)
+    return Prediction(residuals_percent(samples[0], found.errors[0]), notes)

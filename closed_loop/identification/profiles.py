@@ -7,7 +7,6 @@ much wider the errors of the model, and what is assumed, make the variance.
 
 from collections.abc import Sequence
 from math import inf
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,17 +18,13 @@ _NEAR = 0.1
 """Relative error of the rise that ends a search."""
 
 
-class Profile(NamedTuple):
-    """An interval of a coordinate; an end is infinite where the cost stays flat up to its limit."""
-
-    low: float
-    high: float
-
-
 def profile(
     found: Fit, judged: tuple[Grid, Sequence[Samples]], name: str, progress: Progress = quiet
-) -> Profile:
-    """Return the interval of a parameter that is sought, from the profile of the cost."""
+) -> tuple[float, float]:
+    """Return the interval of the coordinate of a parameter, from the profile of the cost.
+
+    An end is infinite where the cost stays flat up to its limit.
+    """
 
     def advance(_what: str, done: int, of: int) -> None:
         progress(f"profile of {name}", done, of)
@@ -58,4 +53,4 @@ def profile(
         x = found.x[at] + sign * step
         return sign * inf if (x - limit) * sign >= 0.0 else float(x)
 
-    return Profile(end(-1.0), end(1.0))
+    return end(-1.0), end(1.0)

@@ -6,7 +6,7 @@ needs. The comments have each figure's interval.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...plant_emulator.vehicle.car.settings import CarSettings
@@ -16,6 +16,7 @@ from .figures import Figure, Verdict
 from .fit import Fit
 from .parameters import MASS_KG, Known, Problem, car_tables
 
+S = TypeVar("S", bound=Settings)
 _KEYS = (
     "steering_ratio",
     "steering_offset_rad",
@@ -101,17 +102,11 @@ def figure_line(figure: Figure) -> str:
 def read_vehicle(file: Path) -> IdentifiedVehicle:
     """Return the vehicle of a file that ``vehicle_toml`` made; raises SettingsError."""
 
-    def table(name: str, model: type[Settings]) -> Settings:
-        return load_settings(model, shared=SharedTable(str(file), read_table(file, name)))
-
     vehicle, car, own = (
-        table("vehicle", VehicleSettings),
-        table("car", CarSettings),
-        table("identified", IdentifiedSettings),
+        _table(file, "vehicle", VehicleSettings),
+        _table(file, "car", CarSettings),
+        _table(file, "identified", IdentifiedSettings),
     )
-    assert isinstance(vehicle, VehicleSettings)  # noqa: S101 - for mypy
-    assert isinstance(car, CarSettings)  # noqa: S101
-    assert isinstance(own, IdentifiedSettings)  # noqa: S101
     front_m, rear_m = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
     mass_kg, wheelbase_m = vehicle.virtual_mass_kg, front_m + rear_m
     weight_n = GRAVITY_M_S2 * mass_kg / wheelbase_m
@@ -131,6 +126,10 @@ def read_vehicle(file: Path) -> IdentifiedVehicle:
         lateral_acceleration_ahead_m=own.lateral_acceleration_ahead_m,
     )
     return IdentifiedVehicle(values, known)
+
+
+def _table(file: Path, name: str, model: type[S]) -> S:
+    return load_settings(model, shared=SharedTable(str(file), read_table(file, name)))
 
 
 def prediction_problem(problem: Problem, vehicle: IdentifiedVehicle, *sought: str) -> Problem:

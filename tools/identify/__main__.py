@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Sequence
 from functools import partial
+from math import isfinite
 from pathlib import Path
 
 from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
@@ -272,18 +273,17 @@ def _write(
 def _record(
     found: Identification, figures: Sequence[Figure], advice: Sequence[str]
 ) -> dict[str, object]:
-    def of(figure: Figure) -> dict[str, object]:
-        ends = [None if abs(end) == float("inf") else end for end in (figure.low, figure.high)]
-        return {
-            "value": figure.value,
-            "interval": ends,
-            "unit": figure.unit,
-            "verdict": str(figure.verdict),
-            "note": figure.note,
-        }
-
     return {
-        "figures": {figure.name: of(figure) for figure in figures},
+        "figures": {
+            one.name: {
+                "value": one.value,
+                "interval": [end if isfinite(end) else None for end in (one.low, one.high)],
+                "unit": one.unit,
+                "verdict": str(one.verdict),
+                "note": one.note,
+            }
+            for one in figures
+        },
         "residual_percent": found.residual_percent,
         "tests": [doubt._asdict() for doubt in found.doubts],
         "notes": list(found.notes),
