@@ -23,7 +23,6 @@ from typing import IO, Any
 import numba
 from numba.core.caching import IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.registry import cpu_target
 
 from ...runtime.program.garbage_collection import no_collections
 
@@ -31,9 +30,6 @@ if sys.platform != "win32":
     import fcntl
 
 _config: Any = numba.config
-_OPTIMISATION = _config.OPT if "NUMBA_OPT" in os.environ else type(_config.OPT)(1)
-"""LLVM's optimisation level 1 and not 3, numba's default: it compiles faster, and these loops of
-many small functions on tuples of floats run no slower; the predictor's takes half the time."""
 _SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "closed_loop/compiled")
 _SUFFIXES = (".py", ".dbc")
 _VERSIONS_KEPT = 4
@@ -120,18 +116,12 @@ def compiled_inside(function: Any) -> Any:
     return _compiled(function, {**_OPTIONS, "no_cpython_wrapper": True, **_UNCOUNTED})
 
 
-def compiled_inline(function: Any) -> Any:
-    """Compile a function inline into its callers: for the innermost part of a loop."""
-    return _compiled(function, {**_OPTIONS, "inline": "always", **_UNCOUNTED})
-
-
 def compiled_for_process(made: Any) -> Any:
     """Compile a result of the above once more, for this process alone.
 
     For steps from files whose content is not part of the folder's name. They may make arrays.
     """
     again: Any = numba.jit(**{**made.targetoptions, **_COUNTED})(made.py_func)
-    again.compile = _optimised(again.compile)
     return again
 
 
@@ -146,27 +136,10 @@ def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
         old = cache._cache_file
         base = old._index_name.removesuffix(".nbi")
         cache._cache_file = DigestedFiles(old._cache_path, base, old._source_stamp)
-    made.compile = _optimised(made.compile)
     if folder is not None and sys.platform != "win32":
         name = f"{function.__module__}.{function.__qualname__}"
         made.compile = _in_one_process(made.compile, name, folder)
     return made
-
-
-def _optimised(compile_one: Callable[..., Any]) -> Callable[..., Any]:
-    """Let ``compile_one`` optimise at our level, and leave the level of others as it is."""
-
-    def compile_at_our_level(arguments: Any) -> Any:
-        with global_compiler_lock:
-            _ = cpu_target.target_context  # made once a process, at the level of others
-            others = _config.OPT
-            _config.OPT = _OPTIMISATION
-            try:
-                return compile_one(arguments)
-            finally:
-                _config.OPT = others
-
-    return compile_at_our_level
 
 
 def _in_one_process(compile_one: Callable[..., Any], name: str, folder: Path) -> Callable[..., Any]:
@@ -202,7 +175,7 @@ def sources() -> list[Path]:
 @cache
 def _cache_folder() -> Path | None:
     """Return the folder for code compiled from the present sources."""
-    made_by = f"{sys.version} {numba.__version__} {_OPTIMISATION}"
+    made_by = f"{sys.version} {numba.__version__} {_config.OPT}"
     digest = hashlib.sha256(made_by.encode())
     for source in sources():
         digest.update(source.read_bytes())

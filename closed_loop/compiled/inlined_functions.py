@@ -7,7 +7,7 @@ into the loop. Here such a function ends as LLVM's code, which its caller takes 
 from typing import Any
 
 import numba
-from numba.core import compiler, compiler_machinery, typed_passes
+from numba.core import compiler, compiler_machinery, typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 
 _numba: Any = numba
@@ -16,6 +16,15 @@ _machinery: Any = compiler_machinery
 _Library: Any = JITCodeLibrary
 _Lowering: Any = typed_passes.NativeLowering
 """Untyped, as numba has no types for them."""
+_OMITTED = (
+    typed_passes.NopythonRewrites,
+    typed_passes.InlineOverloads,
+    untyped_passes.WithLifting,
+    untyped_passes.InlineInlinables,
+    untyped_passes.LiteralPropagationSubPipelinePass,
+    untyped_passes.LiteralUnroll,
+    untyped_passes.MakeFunctionToJitFunction,
+)
 
 
 class InlinedLibrary(_Library):  # type: ignore[misc]
@@ -53,7 +62,7 @@ class InlinedLowering(_Lowering):  # type: ignore[misc]
 
 
 class InlinedCompiler(_compiler.CompilerBase):  # type: ignore[misc]
-    """numba's passes with this lowering."""
+    """numba's passes with this lowering, and without what steps have no use for."""
 
     def define_pipelines(self) -> list[Any]:
         """Return the one pipeline."""
@@ -61,6 +70,7 @@ class InlinedCompiler(_compiler.CompilerBase):  # type: ignore[misc]
         pipeline.passes = [
             (InlinedLowering if each is typed_passes.NativeLowering else each, text)
             for each, text in pipeline.passes
+            if each not in _OMITTED
         ]
         pipeline.finalize()
         return [pipeline]

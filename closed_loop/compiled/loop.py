@@ -20,6 +20,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ...controller.limits.fades_and_ramps import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
@@ -27,6 +28,7 @@ from ...dbc.messages import Mode
 from ...plant_emulator.steering.hold_and_fallback import (
     NO_PATH,
     GuardMode,
+    GuardState,
     PathSeen,
     guard_command,
     guard_timer,
@@ -34,7 +36,8 @@ from ...plant_emulator.steering.hold_and_fallback import (
     is_overruled,
     start_guard,
 )
-from .compilation import compiled_inline, compiled_unchecked
+from .compilation import compiled_unchecked
+from .inlined_functions import INLINE
 from .law_code import NO_OUTPUT, LawCode
 from .law_input import (
     LATERAL_ERROR_M_MAX,
@@ -70,7 +73,7 @@ _HOLDING, _FALLBACK = int(GuardMode.HOLDING), int(GuardMode.FALLBACK)
 _NEWEST = WAITING - 1
 
 
-@compiled_inline
+@register_jitable(**INLINE)
 def _plant_until(
     p: Any,
     c: Constants,
@@ -83,7 +86,8 @@ def _plant_until(
 ) -> tuple[Progress, int]:
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
     z, guard, followed_ns, sample, command, in_effect, plan, is_new, played, given, acting = x
-    while True:
+    outcome = COMPLETE
+    while outcome == COMPLETE:
         command_ns = sample_ns = waiting_ns = to_ns + 1
         # An unsigned index needs no test for negative values, which would cost a twentieth.
         of, at = np.uintp(command), np.uintp(sample)
@@ -94,15 +98,13 @@ def _plant_until(
         if acting < given:
             waiting_ns = c.motion_start_ns + r.waiting_ns[np.uintp(acting & _NEWEST)]
         guard_ns = c.motion_start_ns + guard.deadline_ns
-        next_ns = min(command_ns, sample_ns, guard_ns)
-        if next_ns > to_ns and waiting_ns > to_ns:
-            buffered = plan, is_new, played, given, acting
-            return Progress(z, guard, followed_ns, sample, command, in_effect, *buffered), COMPLETE
+        if command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns and waiting_ns > to_ns:
+            break
         arrives = command_ns <= sample_ns and command_ns <= guard_ns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
         has_moved, is_sample, steers, acts, steer_rad = True, False, False, False, 0.0
         # The test for an inbox is decided when compiling, which removes the branch without one.
-        if waiting_ns <= next_ns:
+        if waiting_ns <= command_ns and waiting_ns <= sample_ns and waiting_ns <= guard_ns:
             turn = np.uintp(acting & _NEWEST)
             motion_ns, steer_rad, acts = r.waiting_ns[turn], r.waiting_rad[turn], True
             acting += 1
@@ -131,12 +133,7 @@ def _plant_until(
                     record_played(inbox, sample, command_rad)
         elif guard_ns <= sample_ns:
             motion_ns = guard.deadline_ns
-            seen = NO_PATH
-            if sample > 0:
-                last = np.uintp(sample - 1)
-                rho, y = r.curvature_1_m[last], r.lateral_error_m[last]
-                seen = PathSeen(rho, y, r.heading_error_rad[last])
-            guard, steers = guard_timer(c.guard, guard, motion_ns, seen)
+            guard, steers = guard_timer(c.guard, guard, motion_ns, _path_seen(r, sample))
             has_moved = steers
         else:
             motion_ns = max(sample_ns - c.motion_start_ns, 0)
@@ -155,33 +152,58 @@ def _plant_until(
         if acts:
             z = command_motion(p, z, steer_rad)
         if is_sample:
-            _, linear, _ = z
-            _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear
-            guard, followed_ns = guard_wheel(c.guard, guard, followed_ns, wheel_rad, motion_ns)
-            r.lateral_error_m[at] = error_m
-            r.heading_error_rad[at] = heading_rad
-            r.yaw_rate_rad_s[at] = yaw_rate_rad_s
-            r.wheel_angle_rad[at] = wheel_rad
-            r.curvature_1_m[at] = curvature_1_m
-            r.command[at] = in_effect
-            reading_m = error_m + s.noise_m[at]
-            record_signals(inbox, sample, linear, guard)
-            record_place(p, inbox, r, sample, z)
-            if is_overruled(guard) and guard.mode != _HOLDING:
-                if len(s.tick_status) == 0:
-                    buffered = plan, is_new, played, given, acting
-                    x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
-                    return x, OVERRULED
-                r.overruled_rad[at] = wheel_on_wire_rad(wheel_rad)
+            sampled = z, guard, followed_ns, sample, in_effect
+            guard, followed_ns, outcome = _take_sample(p, c, s, r, inbox, sampled, motion_ns)
             sample += 1
-            if not abs(reading_m) <= LATERAL_ERROR_M_MAX:
-                buffered = plan, is_new, played, given, acting
-                x = Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
-                return x, LEFT_RANGE
-            r.measured_m[at] = quantised(reading_m, LATERAL_ERROR_RESOLUTION_M)
+    buffered = plan, is_new, played, given, acting
+    return Progress(z, guard, followed_ns, sample, command, in_effect, *buffered), outcome
 
 
-@compiled_inline
+@register_jitable(**INLINE)
+def _path_seen(r: Records, sample: int) -> PathSeen:
+    """Return what the sample before read of the path."""
+    if sample == 0:
+        return NO_PATH
+    last = np.uintp(sample - 1)
+    return PathSeen(r.curvature_1_m[last], r.lateral_error_m[last], r.heading_error_rad[last])
+
+
+@register_jitable(**INLINE)
+def _take_sample(
+    p: Any,
+    c: Constants,
+    s: Instants,
+    r: Records,
+    inbox: Any,
+    sampled: tuple[Any, GuardState, int, int, int],
+    motion_ns: int,
+) -> tuple[GuardState, int, int]:
+    """Record a sample; returns the guard, when the wheel followed last, and an outcome."""
+    z, before, followed_before_ns, sample, in_effect = sampled
+    _, linear, _ = z
+    _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear
+    guard, followed_ns = guard_wheel(c.guard, before, followed_before_ns, wheel_rad, motion_ns)
+    at = np.uintp(sample)
+    r.lateral_error_m[at] = error_m
+    r.heading_error_rad[at] = heading_rad
+    r.yaw_rate_rad_s[at] = yaw_rate_rad_s
+    r.wheel_angle_rad[at] = wheel_rad
+    r.curvature_1_m[at] = curvature_1_m
+    r.command[at] = in_effect
+    reading_m = error_m + s.noise_m[at]
+    record_signals(inbox, sample, linear, guard)
+    record_place(p, inbox, r, sample, z)
+    if is_overruled(guard) and guard.mode != _HOLDING:
+        if len(s.tick_status) == 0:
+            return guard, followed_ns, OVERRULED
+        r.overruled_rad[at] = wheel_on_wire_rad(wheel_rad)
+    if not abs(reading_m) <= LATERAL_ERROR_M_MAX:
+        return guard, followed_ns, LEFT_RANGE
+    r.measured_m[at] = quantised(reading_m, LATERAL_ERROR_RESOLUTION_M)
+    return guard, followed_ns, COMPLETE
+
+
+@register_jitable(**INLINE)
 def _acting_rad(s: Instants, r: Records, tick: Any, sent_rad: float) -> float:
     """Return the command that acts, as ``Received.acting_rad`` of a node does."""
     if len(s.tick_status) == 0 or s.tick_status[tick] < 0:
@@ -219,7 +241,7 @@ def run_segment(
     return kept.plant.sample, ticks, outcome
 
 
-@compiled_inline
+@register_jitable(**INLINE)
 def _run_ticks(
     law: LawCode,
     p: Any,
