@@ -26,6 +26,8 @@ from .exit_status import ExitStatus, UserError, cause_of, one_line
 DISTRIBUTION = "steer-by-wire-emulator"
 WIDTH_MAX = 100
 DURATION_S_MAX = 1e9
+_OF_PYTHON = ("Symlink loop", "can't start new thread")
+"""Errors of the machine that are a RuntimeError."""
 _OUT_OF_MEMORY = "out of memory (see ulimit -v, or free -h)"
 BLOCKED_S = 2.0
 """How long a line waits for a full pipe; then this line and all later ones are dropped."""
@@ -252,6 +254,8 @@ def _line_and_status(error: Exception) -> tuple[str, ExitStatus] | None:
     if isinstance(error, OSError):
         where = error.filename2 or error.filename
         return f"{where}: {cause_of(error)}" if where else cause_of(error), ExitStatus.OUTPUT
+    if isinstance(error, RuntimeError) and str(error).startswith(_OF_PYTHON):
+        return str(error), ExitStatus.SETTINGS
     if isinstance(error, UnicodeEncodeError):
         # Names on the command line may have any bytes; printing and storing need text.
         return f"{error.object[:60]}: is not UTF-8 text", ExitStatus.OUTPUT

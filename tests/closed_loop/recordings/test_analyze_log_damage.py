@@ -140,6 +140,9 @@ def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path, capsys: Capt
             == f"steer-by-wire analyze: error: {path}: No such file or directory\n"
         )
         assert not path.exists()
+    (tmp_path / "one.log").symlink_to("one.log")
+    assert main([str(tmp_path / "one.log"), "--out", str(tmp_path / "out")]) == ExitStatus.SETTINGS
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 # Loss, by cause
