@@ -8,13 +8,13 @@ cause.
 files.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ..runtime.fast_named_tuple import new_record
 from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
-from .codec.codec import FILE, codecs_of
+from .codec.codec import FILE, MessageCodec, codecs_of
 from .codec.codec import EncodeError as EncodeError
 from .codec.codec import Rejection as Rejection
 from .codec.layout import SignalRange as SignalRange
@@ -33,11 +33,12 @@ class Decoded(NamedTuple):
     counter: int
 
 
-_CODECS = codecs_of(LAYOUTS, MESSAGE_TYPES.items())
-_CODECS_BY_ID = {codec.can_id: codec for codec in _CODECS.values()}
+CODECS = codecs_of(LAYOUTS, MESSAGE_TYPES.items())
+"""How each message is packed and unpacked."""
+_CODECS_BY_ID = {codec.can_id: codec for codec in CODECS.values()}
 
 CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
-    {message_type: codec.can_id for message_type, codec in _CODECS.items()}
+    {message_type: codec.can_id for message_type, codec in CODECS.items()}
 )
 """The identifier each message is sent under."""
 
@@ -54,7 +55,7 @@ def sent_by(node: str) -> tuple[type[Message], ...]:
 
 
 DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
-    {kind: codec.data_id for kind, codec in _CODECS.items() if codec.data_id is not None}
+    {kind: codec.data_id for kind, codec in CODECS.items() if codec.data_id is not None}
 )
 """The E2E Data ID of each message that is protected: all but those sent by hand, by a tool."""
 _ID_MARKS = frozenset(map(id_mark, DATA_IDS.values()))
@@ -71,7 +72,7 @@ OTHER_REVISION_TEXT = (
 )
 
 CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
-    {message_type: codec.cycle_time_ms for message_type, codec in _CODECS.items()}
+    {message_type: codec.layout.cycle_time_ms for message_type, codec in CODECS.items()}
 )
 """How often each message is sent at the default rates [ms]; 0 for one sent when needed, and for
 SteeringPlan, which takes the place of SteeringCommand.
@@ -80,7 +81,7 @@ One that is sent cyclically and spontaneously comes in between as well, at chang
 """
 
 ACTIVE_CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
-    {message_type: codec.active_cycle_time_ms for message_type, codec in _CODECS.items()}
+    {message_type: codec.layout.active_cycle_time_ms for message_type, codec in CODECS.items()}
 )
 """Cycle of a message while it is sent, also of one sent when needed [ms]; 0 for those of a tool."""
 
@@ -92,36 +93,16 @@ NUMBERED_WITH: Mapping[type[Message], type[Message]] = MappingProxyType(
 
 def limits(message_type: type[Message]) -> Mapping[str, SignalRange]:
     """The range of each field of ``message_type``, so that a node can clamp to it."""
-    return MappingProxyType(_CODECS[message_type].limits)
+    return MappingProxyType(CODECS[message_type].limits)
 
 
 def resolutions(message_type: type[Message]) -> Mapping[str, float]:
     """The resolution of each field of ``message_type``."""
-    return MappingProxyType(_CODECS[message_type].resolutions)
+    return MappingProxyType(CODECS[message_type].resolutions)
 
 
 COMMAND_COUNTERS = int(limits(SteeringCommand)["command_counter"].maximum) + 1
 """Number of values of a command's counter, which wraps and is independent of the E2E counter."""
-
-
-class Unpacking(NamedTuple):
-    """How to read a frame of one message: length, flags, and ``MessageCodec.unpack``."""
-
-    length: int
-    flags: int
-    unpack: Callable[[bytes], tuple[Message, int] | Rejection]
-
-
-def unpacking(message_type: type[Message]) -> Unpacking:
-    """Return how to read the payload of a message, for a receiver of many frames."""
-    codec = _CODECS[message_type]
-    return Unpacking(codec.length, codec.flags, codec.unpack)
-
-
-def packing(message_type: type[Message]) -> tuple[int, Callable[[Any, int], bytes], int]:
-    """Return identifier, ``MessageCodec.pack`` and flags, for a sender of many frames."""
-    codec = _CODECS[message_type]
-    return codec.can_id, codec.pack, codec.flags
 
 
 def encode(message: Message, counter: int) -> Frame:
@@ -131,7 +112,7 @@ def encode(message: Message, counter: int) -> Frame:
     protection ignores it. Raises EncodeError for a value outside its signal's range, a value that
     is not finite, and a member of the wrong enum.
     """
-    codec = _CODECS[type(message)]
+    codec = CODECS[type(message)]
     return new_record(Frame, (codec.can_id, codec.pack(message, counter), codec.flags))
 
 
@@ -146,7 +127,7 @@ def encode_not_available(message: Message, counter: int) -> Frame:
     These are ``steer_rad`` of SteeringCommand and both fields of LateralError; the others are sent
     as they are in ``message``. Raises EncodeError as ``encode`` does, and for the other types.
     """
-    codec = _CODECS[type(message)]
+    codec = CODECS[type(message)]
     return Frame(codec.can_id, codec.pack_not_available(message, counter))
 
 
@@ -189,7 +170,8 @@ class Sender:
     """Makes the frames of one type of message; ``counter`` is that of the next one."""
 
     def __init__(self, message_type: type[Message]) -> None:
-        self._can_id, self._pack, self._flags = packing(message_type)
+        codec: MessageCodec[Any] = CODECS[message_type]
+        self._can_id, self._pack, self._flags = codec.can_id, codec.pack, codec.flags
         self.counter = 0
 
     def frame(self, message: tuple[Any, ...]) -> Frame:

@@ -20,6 +20,7 @@ from .codec.sender_watch import ECHO_TICKS
 from .messages import (
     ACTIVE_CYCLE_TIMES_MS,
     CAN_IDS,
+    CODECS,
     EVENTS,
     MESSAGE_TYPES,
     NUMBERED_WITH,
@@ -28,7 +29,6 @@ from .messages import (
     SecondSender,
     cause_of,
     misfit_of,
-    unpacking,
 )
 from .secoc.secured_frame import Refused, is_secured
 
@@ -82,11 +82,14 @@ class Reception:
             if message_type not in NUMBERED_WITH
         }
         self._received = {
-            CAN_IDS[message_type]: (
-                *unpacking(message_type),
+            codec.can_id: (
+                codec.length,
+                codec.flags,
+                codec.unpack,
                 self._checks[CAN_IDS[NUMBERED_WITH.get(message_type, message_type)]],
             )
             for message_type in message_types
+            for codec in [CODECS[message_type]]
         }
         self._sent_ids = {CAN_IDS[message_type] for message_type in sent_types}
         self._sent: deque[Sequence[Frame]] = deque(maxlen=ECHO_TICKS)

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar, get_type_hints
 
 from ...runtime.exit_status import one_line
 from ...runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, FD
-from .layout import NOT_AVAILABLE_NAME, MessageLayout, packed_signal, signal_range
+from .layout import NOT_AVAILABLE_NAME, MessageLayout, SignalRange, packed_signal
 from .packing import packing_of
 from .protection import COUNTERS, protect
 
@@ -67,12 +67,11 @@ class MessageCodec(Generic[MessageT]):
         Raises KeyError for a field of ``message_type`` that has no signal of its name and unit, and
         ValueError for features of a DBC that this codec does not support.
         """
+        self.layout = message
         self.name = message.name
         self.can_id = message.can_id
         self.length = message.length
         self.flags = FD | BITRATE_SWITCH if message.length > CLASSIC_LENGTH_MAX else 0
-        self.cycle_time_ms = message.cycle_time_ms
-        self.active_cycle_time_ms = message.active_cycle_time_ms
         self.data_id = message.data_id
         signals = {signal.field: signal for signal in message.signals}
         kinds = get_type_hints(message_type)
@@ -94,7 +93,9 @@ class MessageCodec(Generic[MessageT]):
         Where several signals are bad, the first one in the order of the fields decides.
         """
         self.source = packing.source
-        self.limits = {name: signal_range(signals[name]) for name in kinds}
+        self.limits = {
+            name: SignalRange(signals[name].minimum, signals[name].maximum) for name in kinds
+        }
         self.resolutions = {name: float(signals[name].scale) for name in kinds}
 
     def pack_not_available(self, message: MessageT, counter: int) -> bytes:

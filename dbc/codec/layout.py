@@ -108,11 +108,6 @@ class PackedSignal(NamedTuple):
         return index(value)
 
 
-def signal_range(signal: SignalLayout) -> SignalRange:
-    """The range of ``signal``."""
-    return SignalRange(signal.minimum, signal.maximum)
-
-
 def packed_signal(signal: SignalLayout, kind: type) -> PackedSignal:
     """The numbers for ``signal``, standing for a field of type ``kind`` (float, int or an IntEnum).
 
@@ -121,7 +116,7 @@ def packed_signal(signal: SignalLayout, kind: type) -> PackedSignal:
     """
     if kind is not float and signal.scale != 1:
         raise ValueError(f"{signal.name}: an integer needs the resolution 1")
-    minimum, maximum = signal_range(signal)
+    minimum, maximum = signal.minimum, signal.maximum
     allowed = f"{minimum} to {maximum} {signal.unit}".rstrip()
     resolution = signal.scale
     if kind is float:

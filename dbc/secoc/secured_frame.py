@@ -34,6 +34,7 @@ from ...runtime.frame import BITRATE_SWITCH, FD, Frame
 from ...runtime.node.end import End
 from ..messages import (
     CAN_IDS,
+    CODECS,
     DATA_IDS,
     ControllerStatus,
     Message,
@@ -41,7 +42,6 @@ from ..messages import (
     PlantStatus,
     SteeringPlan,
     frame_of,
-    unpacking,
 )
 
 PAYLOAD_LENGTH = 8
@@ -77,7 +77,7 @@ class Layout(NamedTuple):
 
 DATA = Layout(PAYLOAD_LENGTH, PAYLOAD_LENGTH, 4, 8)
 SYNC = Layout(PAYLOAD_LENGTH, PAYLOAD_LENGTH + 2 * CHALLENGE_LENGTH, 8, 16)
-_LONG_LENGTH = unpacking(SteeringPlan).length
+_LONG_LENGTH = CODECS[SteeringPlan].length
 LONG = Layout(_LONG_LENGTH, _LONG_LENGTH, 4, 12)
 """Its CMAC is longer, because CAN FD has no length between 48 and 64 bytes."""
 
