@@ -11,6 +11,7 @@ from pathlib import Path
 from ...dbc.bus_language import add_dialect_argument, read_language
 from ...dbc.edge import add_key_file_argument, open_edge
 from ...runtime.command_line import output_file, run_main, say
+from ...runtime.exit_status import ExitStatus
 from ...runtime.node import ReportingNode
 from ...runtime.node.end import End
 from ...runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
@@ -23,6 +24,7 @@ from ..faults.messages_on_bus import messages_in, naming
 from ..faults.stage import with_faults
 from ..node.node import OF_HAND_WHEEL, RECEIVED, SENT, PlantNode
 from ..settings import PRESETS, PlantSettings, plant_motion_params, shared_vehicle
+from .check_option import check_text
 from .fail_if_quantities import RUN_QUANTITIES
 
 NAME = "steer-by-wire plant"
@@ -47,6 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="accept LATENCY_CONFIG and DISTURBANCE_CONFIG from anyone on the bus",
     )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="do not run; print settings, and figures of vehicle, path and limits",
+    )
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
@@ -70,6 +77,9 @@ def _run(options: argparse.Namespace) -> int:
         raise SettingsError(
             "--interventions: a plant with --key-file refuses what is not authentic"
         )
+    if options.check:
+        print(check_text(settings), end="")
+        return ExitStatus.OK
     params = plant_motion_params(settings)
     # Without a trace nothing reads the samples.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
