@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         PlantSettings,
     )
     parser.add_argument(
-        "--vehicle", type=Path, metavar="VEHICLE.toml", help="take [vehicle] from a file"
+        "--vehicle", type=Path, metavar="VEHICLE.toml", help="take [vehicle], [car] from a file"
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
     parser.add_argument(
