@@ -113,7 +113,7 @@ def simulate(
     ``plant``, ``controller``  name of a preset, settings file (a path, or a text that ends with
                                .toml), or settings
     ``hand_wheel``    as these two: adds a hand wheel with its driver to a virtual run
-    ``vehicle``       file whose [vehicle] both take, and the plant its [car], as ``design`` reads it
+    ``vehicle``       file whose [vehicle] both take, as ``design`` reads it, and the plant [car]
     ``seed``, ``duration_s``   of the plant; None keeps what its settings say
     ``law``           of the controller; None keeps what its settings say
     ``latency_s``, ``jitter_s``, ``loss``   of the commands: mean latency, standard deviation of a
