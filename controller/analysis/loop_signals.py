@@ -74,6 +74,11 @@ class Timing(NamedTuple):
             | {sample * self.loop_delay.sensor_period_ns for sample in samples}
         )
 
+    @property
+    def wheel_ns(self) -> int:
+        """Latency of the commands, and the dead time of the steering [ns]."""
+        return self.delay_ns + self.loop_delay.dead_samples * self.loop_delay.sensor_period_ns
+
     def newest_sample(self, tick: int) -> int:
         """Return the newest sample that has arrived by a tick."""
         return (
@@ -93,16 +98,16 @@ class Timing(NamedTuple):
         samples = range(known, self.newest_sample(tick) + 1)
         if self.commands_read is not None:
             return range(tick - self.commands_read, tick), samples
-        return range(self.applied_tick(known), tick), samples
+        return range(self.applied_tick(known - self.loop_delay.dead_samples), tick), samples
 
     def commands_kept(self, tick: int) -> range:
         """Return the commands before a tick that law or plant still use."""
-        applied = self.applied_tick(self.newest_sample(tick - 1))
+        applied = self.applied_tick(self.newest_sample(tick - 1) - self.loop_delay.dead_samples)
         return range(min(applied, tick - (self.commands_read or 1)), tick)
 
     def acting_tick(self, time_ns: int) -> int:
         """Return the tick whose command acts from a time on."""
-        return (time_ns - self.delay_ns) // self.loop_delay.period_ns
+        return (time_ns - self.wheel_ns) // self.loop_delay.period_ns
 
     def echoed_delay_ns(self) -> float:
         """Return the mean delay measured by many echoes."""
@@ -158,7 +163,7 @@ class Signals:
         ticks = timing.commands_kept(self._tick)
         samples = range(known, self._sample)
         acting = timing.acting_tick(self._now_ns)
-        vehicle, held = len(self._b), (timing.delay_ns % timing.loop_delay.period_ns > 0)
+        vehicle, held = len(self._b), (timing.wheel_ns % timing.loop_delay.period_ns > 0)
         self._order = vehicle + law_floats + len(ticks) + 3 * len(samples) + held
         self._noisy = self._order + 2 * timing.samples
         columns = np.eye(self._noisy + timing.ticks)
@@ -175,10 +180,10 @@ class Signals:
 
     def move_to(self, time_ns: int) -> None:
         """Move the vehicle on, under each command that is in effect on the way."""
-        delay_ns, period_ns = self._timing.delay_ns, self._timing.loop_delay.period_ns
+        wheel_ns, period_ns = self._timing.wheel_ns, self._timing.loop_delay.period_ns
         while self._now_ns < time_ns:
             tick = self._timing.acting_tick(self._now_ns)
-            until_ns = min(time_ns, (tick + 1) * period_ns + delay_ns)
+            until_ns = min(time_ns, (tick + 1) * period_ns + wheel_ns)
             transition, input_gain = zero_order_hold(
                 self._a, self._b, (until_ns - self._now_ns) / NS_PER_S
             )
@@ -191,7 +196,7 @@ class Signals:
         lateral, heading = self._vehicle[Y].copy(), self._vehicle[PSI].copy()
         place = self._order + 2 * (self._sample - self._timing.first_sample)
         lateral[place], heading[place + 1] = 1.0, HEADING_NOISE_1_M
-        acting = self._timing.applied_tick(self._sample)
+        acting = self._timing.applied_tick(self._sample - self._timing.loop_delay.dead_samples)
         wheel = self._commands[acting] + self._added.get(acting, 0.0)
         if self._has_wheel:
             wheel = self._vehicle[-1].copy()

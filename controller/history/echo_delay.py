@@ -50,11 +50,15 @@ class LinkSettings(Settings):
 
 
 class LoopDelayParams(NamedTuple):
-    """Periods of the two clocks, and the number of echoes that the mean covers."""
+    """Periods of the two clocks, and the number of echoes that the mean covers.
+
+    ``dead_samples``  the steering's dead time, which no echo shows
+    """
 
     period_ns: int
     sensor_period_ns: int
     averaging_samples: float
+    dead_samples: int = 0
 
 
 def loop_delay_params(table: LinkSettings, rate_hz: float) -> LoopDelayParams:

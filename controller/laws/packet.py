@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import LawNumber
-from ...runtime.settings import Settings
+from ...runtime.settings import Settings, SettingsError
 from ..history.echo_delay import LoopDelayParams
 from ..history.plan import SPACING_MAX, VALUES
 from ..law_interface import LawInput, LawOutput, LoopDelay, Schedule
@@ -124,6 +124,11 @@ def packet_after_hold(p: PacketParams, x: PredictorState, lateral_error_m: float
 
 def design_packet(settings: "LawSettings") -> Schedule:
     """Return the parameters as a function of the speed; raises as ``design_predictor``."""
+    if settings.estimator.actuator_dead_time_s:
+        raise SettingsError(
+            "law = 'packet' plans for when a command arrives:"
+            " estimator.actuator_dead_time_s must be 0"
+        )
     reserve_s = settings.table_of(PacketSettings).reserve_s
     reserve_samples = round(reserve_s / settings.link.sensor_period_s)
     inside = design_predictor(settings)

@@ -110,7 +110,8 @@ class LawSettings(_TablesOfLaws):
     @property
     def loop_delay(self) -> LoopDelayParams:
         """The parameters of the measurement of the delay."""
-        return loop_delay_params(self.link, self.rate_hz)
+        dead_samples = round(self.estimator.actuator_dead_time_s / self.link.sensor_period_s)
+        return loop_delay_params(self.link, self.rate_hz)._replace(dead_samples=dead_samples)
 
     @property
     def model(self) -> TransferFunction | None:

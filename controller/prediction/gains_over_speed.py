@@ -60,6 +60,8 @@ class EstimatorSettings(Settings):
     steering_offset_walk_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.005
     actuator_lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     """Lag of the wheel behind the command, if known."""
+    actuator_dead_time_s: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Time before that in which the wheel does not move, if known; in whole sensor periods."""
     speed_m_s_min: Annotated[float, Field(ge=0.1, le=80.0)] = 0.5
     speed_m_s_max: Annotated[float, Field(ge=0.1, le=80.0)] = 25.0
 

@@ -6,9 +6,9 @@ from .vehicle_kalman_filter import EstimatorState, VehicleGains, command_from, s
 
 
 def horizon_samples(p: LoopDelayParams, loop_delay: LoopDelay, sample: int) -> float:
-    """Return the number of samples from ``sample`` until the command of this tick acts."""
+    """Return the number of samples from ``sample`` until the wheel takes up this tick's command."""
     acts_ns = loop_delay.tick * p.period_ns + loop_delay.delay_ns
-    return acts_ns / p.sensor_period_ns - sample
+    return acts_ns / p.sensor_period_ns + p.dead_samples - sample
 
 
 def predict(

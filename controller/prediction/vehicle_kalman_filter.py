@@ -242,8 +242,13 @@ def _input_at(history: History, sample: int) -> float:
 
 
 def command_from(p: LoopDelayParams, loop_delay: LoopDelay, history: History, sample: int) -> float:
-    """Return the mean command from ``sample`` to the next, as echoed or as expected [rad]."""
+    """Return the mean command that the wheel takes up from ``sample`` to the next [rad].
+
+    It is as echoed, or as expected, a dead time before.
+    """
     mask = history.sample_mask
+    if p.dead_samples:
+        sample = max(sample - p.dead_samples, 0)
     if sample < loop_delay.echo_sample:
         before, after = sample & mask, (sample + 1) & mask
         if history.is_overruled[before] or history.is_overruled[after]:

@@ -126,6 +126,36 @@ def test_another_car_is_held_within_the_default_limits(plant: str, off_m: float)
     assert run.peak_m < off_m
 
 
+def test_a_dead_time_that_is_known_is_bridged() -> None:
+    """Of 0.24 s with a lag of 0.27 s, as published of a simulator: unknown, the car is lost."""
+    known = {"actuator_dead_time_s": 0.24, "actuator_lag_s": 0.27}
+    run, lost = (
+        simulate(
+            *("large_sedan", "highway_mpc"),
+            latency_s=0.1, duration_s=30, engine="compiled",
+            overrides={
+                "plant.actuator.published": "autoware",
+                **{f"controller.estimator.{key}": value for key, value in believed.items()},
+            },
+        )
+        for believed in (known, {})
+    )  # fmt: skip
+    assert run.peak_m < 0.15
+    assert lost.peak_m > 3.0
+
+
+def test_a_check_takes_a_dead_time_that_is_known_for_latency() -> None:
+    loops = []
+    for dead_time_s in (0.0, 0.08):
+        dead = controller_preset("highway_mpc", [f"estimator.actuator_dead_time_s={dead_time_s}"])
+        model = LoopModel(vehicle_of(dead).vehicle, 0.115)
+        loops.append(PeriodicLoop(design_law(dead), dead.loop_delay, model))
+    latent, with_dead_time = loops
+    for latency_ms in (4, 33, 65):
+        without_s = latent.decay_1_s((latency_ms + 80) * MS)
+        assert with_dead_time.decay_1_s(latency_ms * MS) == pytest.approx(without_s, rel=1e-6)
+
+
 def test_a_model_that_changes_is_refused_in_one_line() -> None:
     with pytest.raises(SettingsError, match=r"predictor.measures_mass must be false"):
         design_law(controller_preset("highway_mpc", ["predictor.measures_mass=true"]))
