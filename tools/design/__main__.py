@@ -10,7 +10,7 @@ prints why each value is what it is. The presets practical_* are designs of
     steer-by-wire design paper_vehicle --spec practical
 
 A frontier compares the structures of a law: the least error of each for every delay that it
-guarantees, all at the same noise. It leaves frontier.csv and frontier.png in DIR.
+guarantees, all at the same noise. It leaves frontier.csv and pictures in DIR.
 
 A law that meets not all demands has no preset. Its best is kept as NAME.unmet.toml, which says in
 its first line that it is no design and then what was demanded and reached. The end of --minutes

@@ -24,7 +24,7 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.history.echo_delay import LinkSettings
-from ...controller.laws.law_from_settings import design_law
+from ...controller.laws.law_from_settings import design_law, required
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.prediction.gains_over_speed import EstimatorSettings
 from ...controller.settings import ControllerSettings
@@ -46,7 +46,7 @@ LEFT_M = 1e3
 RMS_M_MAX = 1.0
 """Largest RMS of a predictor that keeps to the path, at any delay of the range [m]."""
 _THREADS = 2
-_START = {
+START = {
     "steer_per_error_rad_m": 1.0,
     "steering_offset_walk_rad_sqrt_s": 0.002,
     "curvature_walk_1_m_sqrt_s": 0.02,
@@ -219,9 +219,13 @@ def design_predictor(
     vehicle: VehicleFile,
     fallback: ControllerSettings,
     check: Check,
+    near: Sequence[Values] = (),
 ) -> PredictorDesign:
-    """Return the best predictor by the specification, which falls back to ``fallback``."""
-    ranges = {key: (value / _RANGE, value * _RANGE) for key, value in _START.items()}
+    """Return the best predictor by the specification, which falls back to ``fallback``.
+
+    ``near``  known designs, near each of which a start begins; then one in the middle of the ranges
+    """
+    ranges = {key: (value / _RANGE, value * _RANGE) for key, value in START.items()}
     ended = True
     with ThreadPoolExecutor(_THREADS) as pool:
         task = Task(pool, spec, table, vehicle)
@@ -236,13 +240,21 @@ def design_predictor(
 
         search = Search(cost, ranges, _DIGITS)
         try:
-            for _ in search.evolve(spec.search.seed, table.generations, _START, _SPREAD):
-                check()
+            for start, place in enumerate((*near, START)):
+                seed = spec.search.seed + start
+                for _ in search.evolve(seed, table.generations, place, _SPREAD):
+                    check()
         except SearchStoppedError:
             ended = False
         (best,) = search.best(1)
         design = describe_predictor(task, _settings(table, vehicle, fallback, best))
         return design._replace(judged=search.judged, ended=ended, values=best)
+
+
+def design_values(settings: ControllerSettings) -> Values:
+    """Return what the search of a predictor would have found, of a predictor's settings."""
+    tables = {**required(settings.predictor).model_dump(), **settings.estimator.model_dump()}
+    return {key: tables[key] for key in START}
 
 
 def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDesign:

@@ -17,9 +17,9 @@ from ....controller.laws.law_from_settings import design_law, required
 from ....controller.laws.predictor import NAME as PREDICTOR
 from ....controller.settings import ControllerSettings, controller_preset
 from ....runtime.node import NS_PER_MS
-from ..demands import Study, judge_law, make_study
+from ..demands import OF_THE_STEER, Study, judge_law, make_study
 from ..loop_figures import behind_lag
-from ..predictor_design import design_predictor, predictor_demands
+from ..predictor_design import design_predictor, design_values, predictor_demands
 from ..search.evolution import Values, without_end
 from ..search.law_parameters import controller_settings, with_set_point
 from ..search.parameter_search import find
@@ -30,17 +30,16 @@ from ..specification import (
     Specification,
     controller_law,
 )
-from ..vehicle_file import VehicleFile
 from .runs import noisy_rms_m
-from .settings import STRUCTURES, FrontierSettings
+from .settings import STRUCTURES, Panel
 
-FALLBACK_PRESET = "practical_half_second_pd_ddob"
-"""Without echoes the predictor falls back to it, which no run here asks for."""
 _WITHOUT = frozenset({"settling", "PD settling", "PD damping", "PD bandwidth"})
 """Demands that are not made: they say what a loop is like at delays that it meets with ease."""
 _STEPS = 12
 """Delays that are tested up to the guaranteed one."""
 _STEP_MS_MIN = 5.0
+_COARSE_DELAYS = 3
+"""Delays that have runs in a coarse search: none, half and all of it."""
 MARGIN_NS_MAX = 1_500_000_000
 LAG_S = 0.1
 """Of the steering, which the design does not know."""
@@ -49,6 +48,7 @@ LAG_S = 0.1
 class Point(NamedTuple):
     """A structure at its best for a delay.
 
+    ``panel``        name of its panel
     ``delay_ms``     guaranteed: all demands hold for each constant delay up to it
     ``rms_m``        of the car, worst of corners and delays, without noise
     ``margin_ms``    delay at which the worst corner becomes unstable
@@ -58,6 +58,7 @@ class Point(NamedTuple):
     ``q_kind``       filter of the DOB; None without one
     """
 
+    panel: str
     structure: str
     delay_ms: float
     rms_m: float
@@ -71,30 +72,26 @@ class Point(NamedTuple):
     q_kind: QKind | None = None
 
 
-def designed_points(
-    asked: FrontierSettings, vehicle: VehicleFile, structure: str
-) -> Iterator[Point]:
+def designed_points(panel: Panel, structure: str) -> Iterator[Point]:
     """Yield a point for each delay, the longest first; delays without a design have none."""
     law, q_kinds = STRUCTURES[structure].law, STRUCTURES[structure].q_kinds
     known: dict[QKind, Values] = {}
-    for delay_ms in reversed(asked.delays_ms):
+    for delay_ms in reversed(panel.table.delays_ms):
         points = []
         for q_kind in q_kinds:
             coarse, fine = (
-                study(asked, vehicle, structure, delay_ms, is_fine, q_kind)
-                for is_fine in (False, True)
+                study(panel, structure, delay_ms, is_fine, q_kind) for is_fine in (False, True)
             )
             found = find(coarse, fine, law, without_end, known.get(q_kind))
             if found.feasible:
                 known[q_kind] = found.values
-                points.append(point_of(asked, fine, structure, found.values, found.judged))
+                points.append(point_of(panel, fine, structure, found.values, found.judged))
         if points:
             yield min(points, key=lambda point: point.rms_m)
 
 
 def study(
-    asked: FrontierSettings,
-    vehicle: VehicleFile,
+    panel: Panel,
     structure: str,
     delay_ms: float,
     fine: bool,
@@ -102,13 +99,15 @@ def study(
 ) -> Study:
     """Return what a structure is judged by at a delay, coarse for the search or fine."""
     takes_map = STRUCTURES[structure].takes_map
-    spec = specification_for(asked, structure, delay_ms, q_kind)
-    return make_study(spec, vehicle, fine=fine, without=_WITHOUT, takes_map=takes_map)
+    spec = specification_for(panel, structure, delay_ms, q_kind)
+    without = _WITHOUT if fine else _WITHOUT | OF_THE_STEER
+    return make_study(
+        spec, panel.vehicle, fine=fine, without=without, takes_map=takes_map,
+        coarse_delays=_COARSE_DELAYS,
+    )  # fmt: skip
 
 
-def point_of(
-    asked: FrontierSettings, fine: Study, structure: str, values: Values, judged: int = 1
-) -> Point:
+def point_of(panel: Panel, fine: Study, structure: str, values: Values, judged: int = 1) -> Point:
     """Return the figures of a structure with these parameters, whether it meets them or not."""
     law, takes_map = STRUCTURES[structure].law, STRUCTURES[structure].takes_map
     spec, vehicle = fine.spec, fine.vehicle
@@ -117,6 +116,7 @@ def point_of(
     demands = {demand.name: demand.value for demand in judge_law(fine, law, values).demands}
     lagged = [behind_lag(model, LAG_S) for model in vehicle.models]
     return Point(
+        panel.table.name,
         structure,
         spec.delay.ms_max,
         demands.get("RMS error", math.inf),
@@ -124,7 +124,7 @@ def point_of(
         demands.get("peak sensitivity", math.inf),
         _margin_ms(settings, vehicle.models),
         _margin_ms(settings, lagged),
-        noisy_rms_m(asked, vehicle, whole, spec.delay.ms_max),
+        noisy_rms_m(panel, whole, spec.delay.ms_max),
         judged,
         values,
         spec.dob_q_kind if "dob" in values else None,
@@ -139,48 +139,55 @@ def with_map(settings: ControllerSettings, takes_map: bool) -> ControllerSetting
 
 
 def specification_for(
-    asked: FrontierSettings, structure: str, delay_ms: float, q_kind: QKind = "type_2"
+    panel: Panel, structure: str, delay_ms: float, q_kind: QKind = "type_2"
 ) -> Specification:
     """Return what a structure has to meet at every delay up to one."""
+    asked = panel.asked
     step_ms = max(_STEP_MS_MIN, delay_ms / _STEPS)
     return Specification(
         name="frontier",
         laws=(controller_law(STRUCTURES[structure].law),),
         rate_hz=asked.rate_hz,
         peak_sensitivity_max=asked.peak_sensitivity_max,
-        noise_gain_rad_m_max=asked.noise_gain_rad_m_max,
+        noise_gain_rad_m_max=panel.table.noise_gain_rad_m_max,
         dob_q_kind=q_kind,
         delay=DelayTable(ms_max=delay_ms, step_ms=step_ms, margin_ms=asked.margin_share * delay_ms),
         d_stability=DStabilityTable(settling_1_s=0.1, bandwidth_rad_s=5.0),
         ignore_s=asked.ignore_s,
         follows_car=STRUCTURES[structure].follows_car,
-        course=asked.course,
+        course=panel.table.course,
         search=asked.search,
         predictor=PredictorTable(
             delay_ms_max=delay_ms,
             delay_step_ms=0.5 * delay_ms,
             margin_ms=asked.margin_share * delay_ms,
-            fallback=FALLBACK_PRESET,
+            fallback=panel.table.predictor,
             generations=asked.predictor_generations,
         ),
     )
 
 
-def predictor_points(asked: FrontierSettings, vehicle: VehicleFile) -> Iterator[Point]:
+def predictor_points(panel: Panel) -> Iterator[Point]:
     """Yield the predictor's point for each delay, the longest first."""
-    fallback = controller_preset(FALLBACK_PRESET)
-    for delay_ms in reversed(asked.delays_ms):
-        spec = specification_for(asked, PREDICTOR, delay_ms)
+    preset = controller_preset(panel.table.predictor)
+    preset = preset.model_copy(update={"followed_point": "centre_of_gravity"})
+    shipped = design_values(preset)
+    longer = shipped
+    for delay_ms in reversed(panel.table.delays_ms):
+        spec = specification_for(panel, PREDICTOR, delay_ms)
         table = required(spec.predictor)
-        design = design_predictor(spec, table, vehicle, fallback, without_end)
+        near = (longer, shipped)[: panel.asked.search.starts - 1]
+        design = design_predictor(spec, table, panel.vehicle, preset, without_end, near)
+        longer = design.values
         if not any(demand.excess for demand in predictor_demands(spec, table, design)):
             yield Point(
+                panel.table.name,
                 PREDICTOR,
                 delay_ms,
                 float(design.settled_rms_m.max()),
                 design.noise_gain_rad_m,
                 design.peak_sensitivity,
-                noisy_rms_m=noisy_rms_m(asked, vehicle, design.settings, delay_ms),
+                noisy_rms_m=noisy_rms_m(panel, design.settings, delay_ms),
                 judged=design.judged,
                 values=design.values,
             )

@@ -2,17 +2,19 @@
 
 import csv
 import math
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.settings import QKind
 from steer_by_wire.controller.laws.law_from_settings import design_law
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.design.frontier import points
 from steer_by_wire.tools.design.frontier.frontier import write_csv
 from steer_by_wire.tools.design.frontier.picture import draw_frontier
@@ -25,7 +27,13 @@ from steer_by_wire.tools.design.frontier.points import (
     study,
     with_map,
 )
-from steer_by_wire.tools.design.frontier.settings import STRUCTURES, FrontierSettings
+from steer_by_wire.tools.design.frontier.settings import (
+    STRUCTURES,
+    FrontierSettings,
+    Panel,
+    PanelTable,
+    panels_of,
+)
 from steer_by_wire.tools.design.search.evolution import Values
 from steer_by_wire.tools.design.search.law_parameters import controller_settings, with_set_point
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
@@ -34,8 +42,6 @@ from tests.support.suite.combinations import sampled
 from tests.support.suite.curves import alike_without_colour
 
 ROOT = Path(__file__).parents[4]
-QUICK = ("delays_ms=[250]", "course.duration_s=30")
-
 FOUND = {
     "PD, error alone": {"k_p": 0.571, "k_d": 0.0074, "derivative_filter": 26.4},
     "PID, error alone": {"k_p": 0.46, "k_d": 1.67, "derivative_filter": 0.507, "k_i": 0.00865},
@@ -60,6 +66,15 @@ FOUND = {
 }
 """By ``steer-by-wire design paper_vehicle --frontier frontier``, for 250 ms."""
 
+AT_60_KM_H = {
+    "k_p": 0.0411,
+    "k_d": 0.0123,
+    "derivative_filter": 10.5,
+    "k_i": 0.0269,
+    "k_heading": 0.288,
+}
+"""PID + heading, by the same command, for 200 ms."""
+
 TRIED = sampled(["PD, error alone", "PID + heading"], [*FOUND])
 
 Q_KIND: QKind = "order_2"
@@ -68,7 +83,7 @@ Q_KIND: QKind = "order_2"
 
 def asked(*overrides: str) -> FrontierSettings:
     preset = read_preset("steer_by_wire.tools.design.frontier", "frontier")
-    return load_settings(FrontierSettings, preset, overrides=(*QUICK, *overrides))
+    return load_settings(FrontierSettings, preset, overrides=overrides)
 
 
 def vehicle() -> VehicleFile:
@@ -76,17 +91,24 @@ def vehicle() -> VehicleFile:
 
 
 @cache
-def whole() -> FrontierSettings:
+def whole() -> Panel:
     """Of the page, not quick."""
-    return load_settings(
-        FrontierSettings, read_preset("steer_by_wire.tools.design.frontier", "frontier")
-    )
+    return panels_of(asked(), vehicle())[0]
+
+
+def quick(delays_ms: Sequence[float], duration_s: float, *overrides: str) -> Panel:
+    """Return the panel at walking speed for one vehicle, with short runs."""
+    alone = VehicleFile(vehicle=vehicle().vehicle)
+    (settings, table, _), *_ = panels_of(asked(*overrides), alone)
+    course = table.course.model_copy(update={"duration_s": duration_s})
+    changed = {"delays_ms": tuple(delays_ms), "course": course}
+    return Panel(settings, table.model_copy(update=changed), alone)
 
 
 @cache
 def point(structure: str) -> Point:
     """Of the page."""
-    fine = study(whole(), vehicle(), structure, 250.0, True, Q_KIND)
+    fine = study(whole(), structure, 250.0, True, Q_KIND)
     return point_of(whole(), fine, structure, FOUND[structure])
 
 
@@ -124,25 +146,41 @@ def test_the_margin_is_where_a_corner_becomes_unstable() -> None:
 @pytest.mark.parametrize("structure", TRIED)
 def test_the_page_states_the_errors_that_the_designs_have(structure: str) -> None:
     page = (ROOT / "docs/frontier.md").read_text(encoding="utf-8")
-    rows = [line.split("|") for line in page.splitlines() if line.startswith(f"| {structure} |")]
-    stated_mm, noisy_mm = float(rows[0][4]), float(rows[1][3])
-    assert 1e3 * point(structure).rms_m == pytest.approx(stated_mm, rel=0.01)
-    assert 1e3 * point(structure).noisy_rms_m == pytest.approx(noisy_mm, rel=0.01)
+    row, _ = [line.split("|") for line in page.splitlines() if line.startswith(f"| {structure} |")]
+    assert stated_mm(row[4]) == pytest.approx(figures_mm(point(structure)), rel=0.01)
+
+
+def test_the_page_states_the_errors_at_60_km_h() -> None:
+    page = (ROOT / "docs/frontier.md").read_text(encoding="utf-8")
+    *_, row = [line.split("|") for line in page.splitlines() if "| PID + heading |" in line]
+    panel = panels_of(asked(), vehicle())[1]
+    fine = study(panel, "PID + heading", 200.0, True)
+    found = point_of(panel, fine, "PID + heading", AT_60_KM_H)
+    assert stated_mm(row[3]) == pytest.approx(figures_mm(found), rel=0.01)
+    assert found.noise_gain_rad_m <= 0.28
+    assert found.peak_sensitivity <= 2.9
+
+
+def stated_mm(cell: str) -> list[float]:
+    return [float(figure) for figure in cell.split("/")]
+
+
+def figures_mm(found: Point) -> list[float]:
+    return [1e3 * found.rms_m, 1e3 * found.noisy_rms_m]
 
 
 def test_a_short_search_for_one_vehicle_finds_less_error_than_the_design_for_its_box() -> None:
-    quick = asked("course.duration_s=6", "search.generations=25", "search.starts=1")
-    alone = VehicleFile(vehicle=vehicle().vehicle)
-    (found,) = designed_points(quick, alone, "PD")
-    fine = study(quick, alone, "PD", 250.0, True)
-    assert found.rms_m <= 0.8 * point_of(quick, fine, "PD", FOUND["PD"]).rms_m
+    panel = quick([250.0], 6.0, "search.generations=25", "search.starts=1")
+    (found,) = designed_points(panel, "PD")
+    fine = study(panel, "PD", 250.0, True)
+    assert found.rms_m <= 0.8 * point_of(panel, fine, "PD", FOUND["PD"]).rms_m
 
 
 def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """And each search goes on from the design of its own filter for the longer delay."""
     begun: list[tuple[QKind, Values | None]] = []
 
-    def study_of(_asked: object, _vehicle: object, _structure: str, *where: object) -> object:
+    def study_of(_panel: object, _structure: str, *where: object) -> object:
         delay_ms, _, q_kind = where
         return SimpleNamespace(delay_ms=delay_ms, q_kind=q_kind)
 
@@ -154,12 +192,13 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
     def point_of(_asked: object, fine: Any, structure: str, *_: object) -> Point:
         is_better = (fine.q_kind == "order_2") == (fine.delay_ms == 250.0)
         rms_m = 1e-3 if is_better else 2e-3
-        return Point(structure, fine.delay_ms, rms_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1, {}, fine.q_kind)
+        return Point(
+            "", structure, fine.delay_ms, rms_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1, {}, fine.q_kind
+        )
 
     for name, function in {"study": study_of, "find": find, "point_of": point_of}.items():
         monkeypatch.setattr(points, name, function)
-    quick = asked("delays_ms=[160, 250]")
-    found = designed_points(quick, vehicle(), "PD + DOB")
+    found = designed_points(quick([160.0, 250.0], 30.0), "PD + DOB")
     assert [(each.delay_ms, each.q_kind) for each in found] == [
         (250.0, "order_2"),
         (160.0, "type_2"),
@@ -169,9 +208,8 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
 
 
 def test_the_predictor_is_searched_under_the_demands_of_the_others() -> None:
-    quick = asked("delays_ms=[160]", "predictor_generations=1", "course.duration_s=12")
-    alone = VehicleFile(vehicle=vehicle().vehicle)
-    (found,) = predictor_points(quick, alone)
+    panel = quick([160.0], 12.0, "predictor_generations=1", "search.starts=1")
+    (found,) = predictor_points(panel)
     assert found.judged > 10
     assert found.noise_gain_rad_m <= 3.2
     assert found.peak_sensitivity <= 2.9
@@ -186,12 +224,22 @@ def test_the_table_and_the_picture_have_each_structure_and_delay(tmp_path: Path)
         line, _ = csv.DictReader(file)
     assert (line["structure"], line["delay_ms"]) == ("PD + map", "250")
     assert line["values"] == "k_p=1.48 k_d=0.0529 derivative_filter=35.1"
-    figure = draw_frontier(whole(), found)
+    figure = draw_frontier([whole()], found)
     assert not alike_without_colour(figure)
     drawn = [list(curve.get_xdata()) for curve in figure.axes[0].lines]
     assert [each for each in drawn if each] == [[250.0], [500.0]]
 
 
+def test_the_panels_at_speed_are_of_the_vehicle_at_that_speed() -> None:
+    _, at_60, at_100 = panels_of(asked(), vehicle())
+    for panel, km_h in ((at_60, 60.0), (at_100, 100.0)):
+        assert 3.6 * panel.vehicle.vehicle.speed_m_s == pytest.approx(km_h, rel=0.01)
+        assert {corner.speed_m_s for corner in panel.vehicle.box.vertices()} == {
+            *(panel.table.speed_m_s or ())
+        }
+
+
 def test_delays_must_ascend() -> None:
-    with pytest.raises(SettingsError, match="delays_ms must be above 0 and ascend"):
-        asked("delays_ms=[250, 160]")
+    table = whole().table.model_dump()
+    with pytest.raises(ValidationError, match="delays_ms must be above 0 and ascend"):
+        PanelTable(**{**table, "delays_ms": [250, 160]})
