@@ -24,7 +24,7 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.history.echo_delay import LinkSettings
-from ...controller.laws.law_from_settings import design_law, required
+from ...controller.laws.law_from_settings import design_law
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.prediction.gains_over_speed import EstimatorSettings
 from ...controller.settings import ControllerSettings
@@ -253,7 +253,10 @@ def design_predictor(
 
 def design_values(settings: ControllerSettings) -> Values:
     """Return what the search of a predictor would have found, of a predictor's settings."""
-    tables = {**required(settings.predictor).model_dump(), **settings.estimator.model_dump()}
+    tables = {
+        **settings.table_of(PredictorSettings).model_dump(),
+        **settings.estimator.model_dump(),
+    }
     return {key: tables[key] for key in START}
 
 
