@@ -38,6 +38,7 @@ from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.analyze.signal_tables import CsvTable
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.sampler import Sampler
+from steer_by_wire.tools.cockpit.signals import NAMES
 from steer_by_wire.tools.monitor import __main__ as monitor
 from steer_by_wire.tools.monitor.screen import screen_lines
 
@@ -84,12 +85,17 @@ def test_what_the_car_says_is_heard_as_ours(log: Path) -> None:
     assert listener.refused == {}
 
 
+def last_row(replay: bytes) -> dict[str, float]:
+    values = struct.unpack(f"<{len(NAMES)}f", gzip.decompress(replay)[-4 * len(NAMES) :])
+    return dict(zip(NAMES, values, strict=True))
+
+
 def test_the_cockpit_replays_the_run_behind_a_cars_messages(log: Path) -> None:
     wanted = analyse_files([log], listening=listening()).figures["signals"]["cg_deviation_m"]
-    block = gzip.decompress(read_replay([log], None, listening()))
-    assert struct.unpack("<2f", block[-8:]) == pytest.approx((wanted["rms"], abs(wanted["peak"])))
-    unknown = gzip.decompress(read_replay([log]))
-    assert math.isnan(*struct.unpack("<f", unknown[-4:]))
+    replayed = last_row(read_replay([log], None, listening()))
+    assert replayed["rms_m"] == pytest.approx(wanted["rms"])
+    assert replayed["peak_m"] == pytest.approx(abs(wanted["peak"]))
+    assert math.isnan(last_row(read_replay([log]))["peak_m"])
 
 
 def test_what_nobody_would_take_is_counted() -> None:
