@@ -440,10 +440,9 @@ class PlantNode:
                 latencies_s = (self._command_latency_s, self._network.measured_latency_s)
                 self._record.on_sample(self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
-        brakes = self._settings.safety.stop_m_s2 is not None and motion.is_finite
-        has_stopped = motion.speed_m_s == 0.0 or not brakes
-        if time_ns >= self._own_fault.reported_ns and self._unit.has_fallen_back and has_stopped:
-            self.finished = True
+        if time_ns >= self._own_fault.reported_ns and self._unit.has_fallen_back:
+            brakes = self._settings.safety.stop_m_s2 is not None and motion.is_finite
+            self.finished = self.finished or not brakes or motion.speed_m_s == 0.0
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)
         if self._hand_wheel.driver_steers(time_ns) and code is SteeringStatusCode.APPLYING:
