@@ -217,6 +217,7 @@ def test_a_number_with_a_unit_is_answered_by_the_number(options: Options, capsys
         (can.CanOperationError("no such bus"), ExitStatus.BUS, ["no such bus"]),
         (PermissionError(13, "not yours", "x"), ExitStatus.OUTPUT, ["x: not yours"]),
         (OSError("reported in words"), ExitStatus.OUTPUT, ["reported in words"]),
+        (RuntimeError("can't start new thread"), ExitStatus.SETTINGS, ["can't start new thread"]),
         (KeyboardInterrupt(), ExitStatus.INTERRUPTED, ["interrupted"]),
     ],
 )
