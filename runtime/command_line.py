@@ -202,7 +202,7 @@ def start_program(
         say(name, f"error: {missing_library(error)}", sys.stderr)
     except ImportError as error:
         say(name, f"error: {one_line(error)}", sys.stderr)
-    except MemoryError:
+    except (MemoryError, SystemError):  # an import without memory may raise either
         say(name, f"error: {_OUT_OF_MEMORY}", sys.stderr)
     return ExitStatus.SETTINGS
 
