@@ -41,7 +41,7 @@ class FuzzedBus:
         self._bench.now_ns += elapsed_ns
         broker = self._bench.broker
         assert broker.serve(0.0), "the broker has ended"
-        assert broker.figures.connected <= CLIENTS_MAX, "too many clients"
+        assert broker.figures["connected"] <= CLIENTS_MAX, "too many clients"
         self._listen()
 
     def say(self) -> None:
