@@ -93,7 +93,11 @@ def proposal(messages: Sequence[Message], dbc: Path) -> str:
             once = {guess.signal.name: guess for guess in guesses}
             tables[f"messages.{message.name}"] = _block(message, sender, [*once.values()])
     mistakes: Sequence[tuple[str, str]] = ()
-    if tables:
+    if not tables:
+        head.append(
+            "# No signal is named as steering is: write the tables [messages.NAME] by hand."
+        )
+    else:
         text = "\n".join([*head, *chain(*tables.values())])
         settings = DialectSettings.model_validate(tomllib.loads(text))
         _, mistakes = checked(settings, messages, dbc)
