@@ -34,7 +34,10 @@ GIVEN = {
     },
 }
 """Files of the reader's that pages name; ``design`` of lesson 8 writes those of the van."""
-OF_NODES = ("docs/can_wire.md", "docs/learn/6_measuring.md", "docs/learn/8_your_car.md")
+OF_NODES = (
+    "docs/can_wire.md",
+    *(f"docs/learn/{it}.md" for it in ("6_measuring", "8_your_car", "12_at_the_limit")),
+)
 """Pages that show signals, or a bus, that compiled runs do not have; the others show the same
 numbers with these (tests/closed_loop/compiled)."""
 RIG_ALONE = (
