@@ -17,8 +17,9 @@ BYTES_MAX = 1 << 25
 """More than any settings file or database has; logs are read record by record."""
 MEMORY_MAX = 1 << 28
 """What reading one file may take [bytes]; a database of 8 MB takes half of it."""
-SECONDS_MAX = 30.0
-"""Of the processor."""
+SECONDS_MAX, _AGAIN_S = 30.0, 0.1
+"""Of the processor; a callback of the garbage collector may swallow what the signal's handler
+raises, so it is sent again."""
 _STATM = Path("/proc/self/statm")
 
 
@@ -58,11 +59,12 @@ def bounded(source: object) -> Iterator[None]:
     before = resource.getrlimit(resource.RLIMIT_AS)
     wanted = int(_STATM.read_text().split()[0]) * mmap.PAGESIZE + MEMORY_MAX
     limits = [wanted, *(one for one in before if one != resource.RLIM_INFINITY)]
-    rest_s, _ = signal.setitimer(signal.ITIMER_VIRTUAL, SECONDS_MAX)
+    before_s = signal.setitimer(signal.ITIMER_VIRTUAL, SECONDS_MAX, _AGAIN_S)
     resource.setrlimit(resource.RLIMIT_AS, (min(limits), before[1]))
     try:
         yield
     except _TooLongError:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
         raise InputError(f"{source}: takes longer than {SECONDS_MAX:g} s to read") from None
     except MemoryError as error:
         error.__traceback__ = None  # whose frames hold what was read
@@ -70,7 +72,7 @@ def bounded(source: object) -> Iterator[None]:
         raise InputError(f"{source}: {what}") from None
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
-        signal.setitimer(signal.ITIMER_VIRTUAL, rest_s)
+        signal.setitimer(signal.ITIMER_VIRTUAL, *before_s)
         signal.signal(signal.SIGVTALRM, handler)
 
 
