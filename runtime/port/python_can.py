@@ -38,6 +38,8 @@ _FULL_CODES = {
 _HASTY_MAX = 10_000
 """Waits in a row that end early without a frame: an interface does so whose connection has ended
 (socketcand)."""
+_SHORT_S = 1e-3
+"""A shorter wait does not tell whether an interface waits."""
 
 
 _OF_EVERY_BUS = {"bitrate", "data_bitrate", "fd", "timing", "can_filters", "single_handle"}
@@ -178,7 +180,10 @@ class BusPort:
             waited_s, timeout_s = timeout_s, end_s - time.monotonic()
             if timeout_s <= 0.0:
                 return None
-            self._hasty = self._hasty + 1 if message is None and timeout_s > waited_s / 2 else 0
+            if message is None and timeout_s > waited_s / 2:
+                self._hasty += 1
+            elif message is not None or waited_s > _SHORT_S:
+                self._hasty = 0
             if self._hasty > _HASTY_MAX:
                 raise can.CanError("the interface's connection has ended")
 
