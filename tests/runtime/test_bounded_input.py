@@ -38,7 +38,7 @@ def test_a_key_of_thousands_of_parts_is_one_line(
     monkeypatch.setattr(input_file, "SECONDS_MAX", 0.2)
     file = tmp_path / "long.toml"
     file.write_text(".".join("a" * 9000) + " = 1\n")
-    # Else pytest takes it for a failure where the finaliser of another test's object is interrupted.
+    # An interrupted finaliser of another object would count as a failure.
     with (
         no_collections(),
         pytest.raises(SettingsError, match=r"long\.toml: takes longer than 0\.2 s to read"),
