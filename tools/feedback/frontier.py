@@ -96,12 +96,15 @@ Ideals = Mapping[float, NDArray[np.complex128]]
 
 
 class Design(NamedTuple):
-    """A law with settings, in words; ``passive_n_m_s`` is the passivity controller's."""
+    """A law with settings, in words.
+
+    ``passive_n_m_s``  damping of a passivity controller: what always acts, and what it adds at most
+    """
 
     settings: str
     law: SampledLaw
     is_spring: bool = False
-    passive_n_m_s: float = 0.0
+    passive_n_m_s: tuple[float, float] = (inf, 0.0)
 
 
 class Point(NamedTuple):
@@ -273,7 +276,8 @@ def passivity_controllers(bench: Bench) -> Iterator[Design]:
             share = least / (least + most)
             law = design.law
             law = law._replace(c=law.c * share, d=law.d * np.array([share, 1.0, 1.0]))
-            yield Design(f"{least:g} N m s/rad, at most {most:g} more", law, False, most)
+            words = f"{least:g} N m s/rad, at most {most:g} more"
+            yield Design(words, law, passive_n_m_s=(least, most))
 
 
 def torque_noise_n_m(bench: Bench, by_angle: NDArray[np.complex128]) -> float:

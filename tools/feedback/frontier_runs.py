@@ -117,8 +117,7 @@ class _Batch:
         self.jitter = np.where(conditions == "jitter", np.ceil(JITTER * self.cycles), 0.0)
         friction_n_m = np.where(conditions == "friction", FRICTION_N_M, 0.0)
         self.stops_rad_s = friction_n_m * bench.cycle_s / bench.wheel.inertia_kg_m2
-        self.passive = np.array([each.design.passive_n_m_s for each in columns])
-        self.least = np.array([_least_damping(each.design) for each in columns])
+        self.least, self.passive = np.array([each.design.passive_n_m_s for each in columns]).T
 
 
 def settle(bench: Bench, columns: Sequence[Column]) -> list[bool]:
@@ -171,13 +170,6 @@ def _run(
         x[:, 1] -= stopped_rad_s
         x[:, 0] -= 0.5 * cycle_s * stopped_rad_s
     return angles, felt, sent
-
-
-def _least_damping(design: Design) -> float:
-    """Return the damping of a passivity controller that always acts; infinite without one."""
-    if not design.passive_n_m_s:
-        return np.inf
-    return float(design.settings.split()[0])
 
 
 def _padded(parts: Sequence[Matrix], size: int) -> Matrix:

@@ -29,6 +29,7 @@ from .settings import VehicleTestSettings
 from .steer_programs import (
     DWELL_ENDS_S,
     Drive,
+    car_of,
     drive,
     held,
     one_sine,
@@ -98,7 +99,7 @@ def scores_of(plant: PlantSettings, settings: VehicleTestSettings) -> CarScores:
     """Return the scores of a car; raises SettingsError where its tyres cannot hold a test."""
     speed_m_s = settings.speed_km_h / 3.6
     steer_rad = _steer_rad(plant, speed_m_s, settings.lateral_m_s2)
-    grip_m_s2 = GRAVITY_M_S2 * (plant.car.friction if plant.car else 1.0)
+    grip_m_s2 = GRAVITY_M_S2 * car_of(plant).friction
     slowly = ramp(_steer_rad(plant, speed_m_s, 1.0) * _SLOWLY_M_S3)
     turning = drive(plant, speed_m_s, slowly, 2.0 * grip_m_s2 / _SLOWLY_M_S3)
     stepping = drive(plant, speed_m_s, held(steer_rad), 4.0)
@@ -122,12 +123,9 @@ def scores_of(plant: PlantSettings, settings: VehicleTestSettings) -> CarScores:
 
 def _steer_rad(plant: PlantSettings, speed_m_s: float, lateral_m_s2: float) -> float:
     """Return the steer of a steady turn."""
-    if plant.car is None:
-        raise SettingsError(
-            "vehicle_tests.plants: a linear vehicle; it has to be a car, as bmw_320i"
-        )
+    car = car_of(plant)
     try:
-        turn = steady_turn(plant.vehicle, plant.car, speed_m_s, lateral_m_s2 / speed_m_s**2)
+        turn = steady_turn(plant.vehicle, car, speed_m_s, lateral_m_s2 / speed_m_s**2)
     except ValueError as error:
         raise SettingsError(f"vehicle_tests.lateral_m_s2 = {lateral_m_s2:g}: {error}") from None
     return turn.steer_rad

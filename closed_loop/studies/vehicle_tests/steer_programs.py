@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ....plant_emulator.path.settings import StraightSettings
 from ....plant_emulator.settings import PlantSettings, plant_motion_params
 from ....plant_emulator.vehicle.car.car_motion import STEP_NS, advance_car, command_car, start_car
+from ....plant_emulator.vehicle.car.settings import CarSettings
 from ....plant_emulator.vehicle.settings import DisturbanceSettings
 from ....runtime.node import NS_PER_S
 from ....runtime.settings import SettingsError
@@ -46,12 +47,17 @@ class Drive(NamedTuple):
     aside_m: NDArray[np.float64]
 
 
-def drive(plant: PlantSettings, speed_m_s: float, program: Program, duration_s: float) -> Drive:
-    """Return the drive of a car that begins at a speed; raises SettingsError without `[car]`."""
+def car_of(plant: PlantSettings) -> CarSettings:
+    """Return the car of a plant; raises SettingsError for a linear vehicle."""
     if plant.car is None:
         raise SettingsError(
             "vehicle_tests.plants: a linear vehicle; it has to be a car, as bmw_320i"
         )
+    return plant.car
+
+
+def drive(plant: PlantSettings, speed_m_s: float, program: Program, duration_s: float) -> Drive:
+    """Return the drive of a car that begins at a speed; raises SettingsError without `[car]`."""
     vehicle = plant.vehicle.model_copy(
         update={
             "speed_m_s": speed_m_s,
@@ -61,7 +67,7 @@ def drive(plant: PlantSettings, speed_m_s: float, program: Program, duration_s: 
     )
     on_straight = {
         "vehicle": vehicle,
-        "car": plant.car.model_copy(update={"speed": ()}),
+        "car": car_of(plant).model_copy(update={"speed": ()}),
         "path": StraightSettings(),
         "disturbance": DisturbanceSettings(),
         "faults": (),
