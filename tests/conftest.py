@@ -1,4 +1,4 @@
-"""Skips what the platform lacks, orders the tests, and ends with one line that counts them.
+"""Skips what the platform lacks, orders the tests, and keeps the heap out of collections.
 
 Tests that need a real ``vcan0`` are marked ``@pytest.mark.vcan``. They are collected like all
 others and moved to the end; ``vcan_session`` runs them where there is one.
@@ -7,6 +7,7 @@ On two cores, with ``-n 4 --dist loadfile`` (pytest-xdist), one worker begins wi
 these. The others are distributed a file at a time, so that each file is prepared once.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -22,13 +23,14 @@ import pytest
 
 from tests.support.suite.combinations import ALL
 from tests.support.suite.forked_programs import forked_programs
-from tests.support.suite.frozen_heap import FrozenHeap
-from tests.support.suite.last_line import last_line
 from tests.support.suite.vcan_session import INSIDE, MARK, Inside, Outside, has_marked, is_marked
 
 # The analysis multiplies thousands of small matrices, for which more threads only wait for each
 # other: on a busy machine it takes ten times as long. It must be set before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+gc.disable()  # until all tests are collected: what is made meanwhile stays
+_unfreeze = gc.unfreeze
 
 # python-can looks through all installed packages for each log that it opens.
 metadata.entry_points = cache(metadata.entry_points)
@@ -106,7 +108,6 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers", "vcan: needs a real vcan0, see tests/support/suite/vcan_session.py"
     )
     config.pluginmanager.register(Inside(config) if os.environ.get(INSIDE) else Outside(config))
-    config.pluginmanager.register(FrozenHeap())
     if config.getoption("--hypothesis-profile", "") == "explore":
         ALL.append(True)
     if sys.platform == "linux":
@@ -189,14 +190,23 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=_turn if hasattr(config, "workerinput") else is_marked)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop() -> None:
+    """Keep what is imported and collected, a million objects, out of every collection to come."""
+    gc.collect(1)
+    gc.freeze()
+    # A program that a test runs in this process ends by unfreezing all, also what is not its own.
+    gc.unfreeze = lambda: None
+    gc.set_threshold(20_000, 10, 100)  # 700, 10 and 10 take four times as long
+    gc.enable()
+
+
 @pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_sessionfinish(session: pytest.Session) -> Iterator[None]:
+def pytest_sessionfinish() -> Iterator[None]:
+    _unfreeze()
     yield
-    config = session.config
-    reporter = config.pluginmanager.get_plugin("terminalreporter")
-    is_worker = hasattr(config, "workerinput")
-    if reporter is not None and not (is_worker or config.option.collectonly):
-        reporter.write_line(last_line(reporter.stats))
+    gc.collect()  # finds what was not closed
+    gc.freeze()  # pytest collects several times more, and the interpreter at its end
 
 
 def _turn(item: pytest.Item) -> tuple[bool, bool, int, Path]:

@@ -247,7 +247,3 @@ def _tick(node: Node, now_ns: int) -> list[Frame]:
             return sent
         sent += node.on_tick(now_ns)
     raise AssertionError(f"the deadline stays at {node.deadline_ns}, now is {now_ns}")
-    return sent
-
-
-_OUR_IDS = frozenset(CAN_IDS.values())

@@ -38,7 +38,6 @@ from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import convert
 
 CPU_S_MAX, MEMORY_KB_MAX = 60.0, 500_000
-SHARE_DAMAGED = 0.1
 Records = list[bytes]
 
 

@@ -33,7 +33,6 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.exact_propagation import Y
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
-from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
@@ -56,7 +55,6 @@ def plant_settings(
     duration_s: float,
     downlink: LatencySettings | None = None,
     uplink: LatencySettings | None = None,
-    vehicle: VehicleSettings | None = None,
     seed: int = 1,
     sensor_period_ms: float = 10.0,
 ) -> PlantSettings:
@@ -64,7 +62,6 @@ def plant_settings(
         seed=seed,
         duration_s=duration_s,
         sensor_period_ms=sensor_period_ms,
-        vehicle=vehicle or VehicleSettings(),
         path=ELLIPSE,
         latency=BothLatencySettings(
             downlink=downlink or LatencySettings(), uplink=uplink or LatencySettings()
@@ -237,13 +234,6 @@ def test_under_jitter_every_command_s_round_trip_is_its_own_latency_and_at_most_
         applied_at_ns = echoed_ns - uplink_ns
         wait_ns = applied_at_ns - sent_ns - latency_ns[applied_at_ns]
         assert 0 <= wait_ns <= PERIOD_NS
-
-
-CORNERS = [
-    VehicleSettings(speed_m_s=speed_km_h / 3.6, virtual_mass_kg=mass_kg)
-    for speed_km_h in (4.0, 7.0)
-    for mass_kg in (1600.0, 5000.0)
-]
 
 
 def test_a_bus_of_500_kbit_s_carries_the_loop_at_1_khz() -> None:

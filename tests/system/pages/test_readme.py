@@ -62,20 +62,10 @@ def environment(folder: Path) -> dict[str, str]:
     return {**os.environ, "PATH": path, "XDG_RUNTIME_DIR": str(folder)}
 
 
-@pytest.mark.parametrize("target", re.findall(r"\]\(([^)#]+)\)", README))
-def test_it_points_at_files_that_exist(target: str) -> None:
-    assert (ROOT / target).is_file()
-
-
 @pytest.mark.parametrize("target", re.findall(r"^make (\w+)", README + START, re.MULTILINE))
 def test_it_names_make_targets_that_exist(target: str) -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert re.search(rf"^{target}:", makefile, re.MULTILINE)
-
-
-@pytest.mark.parametrize("preset", sorted(set(re.findall(r"--preset (\w+)", START))))
-def test_it_names_presets_that_exist(preset: str) -> None:
-    assert list(ROOT.glob(f"*/presets/{preset}.toml"))
 
 
 def test_it_lists_every_program_of_the_one_command() -> None:
