@@ -23,7 +23,8 @@ from ..dbc.messages import SteeredBy
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.settings import Settings
 
-_LAW, _DRIVER, _BOTH = SteeredBy.LAW, SteeredBy.DRIVER, SteeredBy.BOTH
+_LAW, _DRIVER, _BOTH = int(SteeredBy.LAW), int(SteeredBy.DRIVER), int(SteeredBy.BOTH)
+_BY_TORQUE = -1
 _FADE_S = 0.5
 """From no assist to all of it: chosen."""
 _Torque = Annotated[float, Field(ge=0.01, le=20.0)]
@@ -50,13 +51,14 @@ class HandWheelSettings(Settings):
 
 
 class SteeringRule(NamedTuple):
-    """The settings, as numbers; ``always`` is who steers whatever the torque, or None.
+    """The settings, as numbers; who steers is the code of a ``SteeredBy``.
 
+    ``always``  who steers whatever the torque, -1 for nobody
     ``rested``  who steers while the driver rests
     """
 
-    always: SteeredBy | None
-    rested: SteeredBy
+    always: int
+    rested: int
     take_over_n_m: float
     hands_off_n_m: float
     hand_back_ns: int
@@ -66,15 +68,24 @@ class SteeringRule(NamedTuple):
 class Steering(NamedTuple):
     """Who steers, and when his torque last was that of a hand [ns]."""
 
-    steered_by: SteeredBy
+    steered_by: int
     held_ns: int
+
+
+class AssistRule(NamedTuple):
+    """The symbols above; ``step`` is what a control period can change of the assist's share."""
+
+    ratio: float
+    gain_n_m: float
+    damping_n_m_s: float
+    torque_n_m_max: float
+    step: float
 
 
 def steering_rule(table: HandWheelSettings) -> SteeringRule:
     """Return the rule of settings."""
-    always = {"driver": _DRIVER, "law": _LAW}.get(table.steered_by)
     return SteeringRule(
-        always,
+        {"driver": _DRIVER, "law": _LAW}.get(table.steered_by, _BY_TORQUE),
         _BOTH if table.steered_by == "both" else _LAW,
         table.take_over_n_m,
         table.hands_off_n_m,
@@ -83,21 +94,26 @@ def steering_rule(table: HandWheelSettings) -> SteeringRule:
     )
 
 
+def assist_rule(table: HandWheelSettings, period_s: float) -> AssistRule:
+    """Return the rule of settings."""
+    gains = table.assist_n_m, table.assist_n_m_s, table.assist_n_m_max
+    return AssistRule(table.steering_ratio, *gains, period_s / _FADE_S)
+
+
 def steering_step(
-    p: SteeringRule, x: Steering, heard: tuple[float, int | None], now_ns: int, *, can_steer: bool
+    p: SteeringRule, x: Steering, torque_n_m: float, age_ns: int, now_ns: int, can_steer: bool
 ) -> Steering:
     """Return who steers from ``now_ns`` on.
 
-    ``heard``      torque of the driver [N m], and age of the message with it; None: there was none
-    ``can_steer``  whether the law can
+    ``torque_n_m``, ``age_ns``  of the driver, and of the message with it; NEVER_NS: there was none
+    ``can_steer``               whether the law can
     """
-    torque_n_m, age_ns = heard
-    if age_ns is None or age_ns > p.timeout_ns:
+    if age_ns > p.timeout_ns:
         return Steering(_LAW, now_ns)
-    if p.always is not None:
+    if p.always != _BY_TORQUE:
         return Steering(p.always, now_ns)
     torque_n_m = abs(torque_n_m)
-    if x.steered_by is not _DRIVER:
+    if x.steered_by != _DRIVER:
         takes_over = torque_n_m >= p.take_over_n_m or not can_steer
         return Steering(_DRIVER if takes_over else p.rested, now_ns)
     if torque_n_m > p.hands_off_n_m:
@@ -107,20 +123,19 @@ def steering_step(
 
 
 def assist_step(
-    p: HandWheelSettings,
+    p: AssistRule,
     share: float,
-    wanted_rad: float | None,
-    wheel: tuple[float, float],
-    period_s: float,
+    assists: bool,
+    wanted_rad: float,
+    angle_rad: float,
+    rate_rad_s: float,
 ) -> tuple[float, float]:
     """Return share and torque of the law on the hand wheel [N m], to the left positive.
 
-    ``wanted_rad``  command of the law; None where it does not assist
-    ``wheel``       angle and rate of the hand wheel
+    ``assists``     whether the law does, by its command ``wanted_rad``
+    ``angle_rad``, ``rate_rad_s``  of the hand wheel
     """
-    angle_rad, rate_rad_s = wheel
-    step = period_s / _FADE_S
-    share = max(share - step, 0.0) if wanted_rad is None else min(share + step, 1.0)
-    lack_rad = 0.0 if wanted_rad is None else p.steering_ratio * wanted_rad - angle_rad
-    torque_n_m = p.assist_n_m * lack_rad - p.assist_n_m_s * rate_rad_s
-    return share, share * min(max(torque_n_m, -p.assist_n_m_max), p.assist_n_m_max)
+    share = min(share + p.step, 1.0) if assists else max(share - p.step, 0.0)
+    lack_rad = p.ratio * wanted_rad - angle_rad if assists else 0.0
+    torque_n_m = p.gain_n_m * lack_rad - p.damping_n_m_s * rate_rad_s
+    return share, share * min(max(torque_n_m, -p.torque_n_m_max), p.torque_n_m_max)

@@ -13,12 +13,16 @@ He sees what the bus brings of the path, LATERAL_ERROR and VEHICLE_STATE, as one
 afar. While the law steers, he rests his hands, and his wish is the angle that the wheel has.
 """
 
+from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from .wheel import GRIPS, Grip
 from .wheel_step import Hands
 
 HANDS_OFF = GRIPS["hands_off"]
+NO_SIGHT = 0
+"""Of ``reaction``: a driver who wishes 0 for ever."""
 ARMS_N_M_MAX = 15.0
 """Torque with which his arms follow his wish at most: chosen."""
 
@@ -28,7 +32,7 @@ class TwoPointParams(NamedTuple):
 
     ``near_rad_max``  of the saturation
     ``near_m``        distance of the near point, ``far_s``: time to the far one
-    ``reaction``      cycles of the reaction time, 1 or more
+    ``reaction``      cycles of the reaction time, 1 or more; NO_SIGHT: he looks nowhere
     ``kept``          share that a cycle leaves of the neuromuscular lag's lack
     """
 
@@ -42,6 +46,9 @@ class TwoPointParams(NamedTuple):
     kept: float
 
 
+BLIND = TwoPointParams(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, NO_SIGHT, 0.0)
+
+
 class Kick(NamedTuple):
     """A torque, from one time to another."""
 
@@ -51,21 +58,23 @@ class Kick(NamedTuple):
 
 
 class DriverParams(NamedTuple):
-    """``let_go_ns``: when he takes his hands off; ``two_point`` None: he wishes 0 for ever."""
+    """How he holds the wheel, and what he looks at."""
 
     grip: Grip
-    let_go_ns: int
-    kicks: tuple[Kick, ...]
-    two_point: TwoPointParams | None
+    two_point: TwoPointParams
     cycle_s: float
 
 
 class DriverState(NamedTuple):
-    """``seen``: wishes of the reaction time, oldest first; ``integral_rad`` of θ_n."""
+    """``by_sight_rad``: his newest wish; ``integral_rad`` of θ_n; ``rests``: his hands do."""
 
-    seen: tuple[float, ...]
+    by_sight_rad: float
     integral_rad: float
     wished_rad: float
+    rests: bool
+
+
+DRIVER_AT_REST = DriverState(0.0, 0.0, 0.0, False)
 
 
 class Sight(NamedTuple):
@@ -78,39 +87,59 @@ class Sight(NamedTuple):
     preview_m: float
 
 
-def driver_at_rest(p: DriverParams) -> DriverState:
-    """Return the state at the start."""
-    return DriverState((0.0,) * (1 if p.two_point is None else p.two_point.reaction), 0.0, 0.0)
+class ReactionTime:
+    """Wishes of the reaction time; where he rests, he forgets them."""
+
+    def __init__(self, cycles: int) -> None:
+        self._wishes = deque([0.0] * max(cycles, 1), max(cycles, 1))
+
+    def pass_on(self, x: DriverState) -> None:
+        """Store the newest wish, and forget the oldest."""
+        self._wishes.extend([x.by_sight_rad] * (len(self._wishes) if x.rests else 1))
+
+    @property
+    def oldest_rad(self) -> float:
+        """The wish that reaches his arms now."""
+        return self._wishes[0]
+
+
+def kicks_n_m(kicks: Sequence[Kick], time_ns: int) -> float:
+    """Return the torque of all kicks at a time."""
+    return sum(kick.torque_n_m for kick in kicks if kick.from_ns <= time_ns < kick.to_ns)
 
 
 def driver_step(
-    p: DriverParams, x: DriverState, sight: Sight, angle_rad: float, time_ns: int, steers: bool
+    p: DriverParams,
+    x: DriverState,
+    late_rad: float,
+    sight: Sight,
+    angle_rad: float,
+    kick_n_m: float,
+    holds: bool,
+    steers: bool,
 ) -> tuple[DriverState, Hands]:
     """Return the state a cycle later, and what his hands do during this cycle.
 
-    ``angle_rad``  of the wheel
-    ``steers``     whether he does
+    ``late_rad``   his wish by sight a reaction time ago
+    ``angle_rad``  of the wheel, ``kick_n_m`` besides what his arms do
+    ``holds``      whether his hands are on the wheel, ``steers``: whether he steers
     """
-    torque_n_m = sum(
-        kick.torque_n_m for kick in p.kicks if kick.from_ns <= time_ns < kick.to_ns
-    )  # fmt: skip
-    is_off = time_ns >= p.let_go_ns
-    two_point = p.two_point
-    if two_point is None:
-        return x, Hands(HANDS_OFF if is_off else p.grip, 0.0, 0.0, torque_n_m)
-    near_rad, far_rad = seen_angles(two_point, sight)
-    by_sight_rad = two_point.far_gain * far_rad + two_point.near_gain * near_rad
-    if is_off or not steers:
-        rested = DriverState((angle_rad,) * len(x.seen), angle_rad - by_sight_rad, angle_rad)
-        return rested, Hands(HANDS_OFF, angle_rad, 0.0, torque_n_m)
-    most_rad = two_point.near_rad_max
-    rate = two_point.integral_gain_1_s * min(max(near_rad, -most_rad), most_rad)
-    seen = (*x.seen[1:], by_sight_rad + x.integral_rad)
-    wished_rad = x.seen[0] + two_point.kept * (x.wished_rad - x.seen[0])
+    two = p.two_point
+    if two.reaction == NO_SIGHT:
+        return x, Hands(p.grip if holds else HANDS_OFF, 0.0, 0.0, kick_n_m)
+    near_rad, far_rad = seen_angles(two, sight)
+    by_sight_rad = two.far_gain * far_rad + two.near_gain * near_rad
+    if not (holds and steers):
+        rested = DriverState(angle_rad, angle_rad - by_sight_rad, angle_rad, True)
+        return rested, Hands(HANDS_OFF, angle_rad, 0.0, kick_n_m)
+    most_rad = two.near_rad_max
+    rate = two.integral_gain_1_s * min(max(near_rad, -most_rad), most_rad)
+    wished_rad = late_rad + two.kept * (x.wished_rad - late_rad)
     reach_rad = ARMS_N_M_MAX / max(p.grip.stiffness_n_m, 1e-3)
     wished_rad = min(max(wished_rad, angle_rad - reach_rad), angle_rad + reach_rad)
-    hands = Hands(p.grip, x.wished_rad, (wished_rad - x.wished_rad) / p.cycle_s, torque_n_m)
-    return DriverState(seen, x.integral_rad + rate * p.cycle_s, wished_rad), hands
+    hands = Hands(p.grip, x.wished_rad, (wished_rad - x.wished_rad) / p.cycle_s, kick_n_m)
+    integral_rad = x.integral_rad + rate * p.cycle_s
+    return DriverState(by_sight_rad + x.integral_rad, integral_rad, wished_rad, False), hands
 
 
 def seen_angles(p: TwoPointParams, sight: Sight) -> tuple[float, float]:
@@ -118,11 +147,11 @@ def seen_angles(p: TwoPointParams, sight: Sight) -> tuple[float, float]:
 
     The path is continued from the preview point with the curvature there.
     """
-    error_m, heading_rad, curvature_1_m, speed_m_s, preview_m = sight
-    angles = []
-    for ahead_m in (p.near_m, max(p.far_s * speed_m_s, p.near_m)):
-        beyond_m = ahead_m - preview_m
-        across_m = beyond_m * (0.5 * curvature_1_m * beyond_m - heading_rad) - error_m
-        angles.append(across_m / ahead_m)
-    near_rad, far_rad = angles
-    return near_rad, far_rad
+    far_m = max(p.far_s * sight.speed_m_s, p.near_m)
+    return _seen_rad(sight, p.near_m), _seen_rad(sight, far_m)
+
+
+def _seen_rad(sight: Sight, ahead_m: float) -> float:
+    error_m, heading_rad, curvature_1_m, _, preview_m = sight
+    beyond_m = ahead_m - preview_m
+    return (beyond_m * (0.5 * curvature_1_m * beyond_m - heading_rad) - error_m) / ahead_m

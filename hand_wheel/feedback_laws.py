@@ -27,7 +27,7 @@ from ..dbc.messages import Message, SteeringForce, SteeringStatus
 from .sampled_laws import zero_order_hold
 from .wheel import LinearSystem
 
-Row = tuple[float, ...]
+Row = tuple[float, float, float]
 
 
 class FeedbackParams(NamedTuple):
@@ -40,7 +40,7 @@ class FeedbackParams(NamedTuple):
 
     force_n_m_n: float
     spring_n_m_rad: float
-    a: tuple[Row, ...]
+    a: tuple[Row, Row, Row]
     b: Row
     c: Row
     kept: float
@@ -93,7 +93,9 @@ def spring_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Steppe
 
 def model_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
     """Return the torque of the nominal road."""
-    return x._replace(nominal=_advanced(p, x.nominal, u.angle_rad)), _dot(p.c, x.nominal)
+    nominal, observed, slow, energy_j = x
+    after = FeedbackState(_advanced(p, nominal, u.angle_rad), observed, slow, energy_j)
+    return after, _dot(p.c, nominal)
 
 
 def cdob_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
@@ -132,13 +134,13 @@ def resist(p: FeedbackParams, x: FeedbackState, against_n_m: float, rate_rad_s: 
         damping_n_m_s = min(-energy_j / squared_s, p.passive_n_m_s)
         torque_n_m -= damping_n_m_s * rate_rad_s
         energy_j += damping_n_m_s * squared_s
-    return x._replace(energy_j=energy_j), torque_n_m
+    return FeedbackState(x.nominal, x.observed_n_m, x.slow_n_m, energy_j), torque_n_m
 
 
-def sampled_model(road: LinearSystem, cycle_s: float) -> tuple[tuple[Row, ...], Row, Row]:
-    """Return G_n with its input held for a cycle, as tuples."""
-    a, b, c = zero_order_hold(road, cycle_s)
-    return tuple(map(tuple, a.tolist())), tuple(b.tolist()), tuple(c.tolist())
+def sampled_model(road: LinearSystem, cycle_s: float) -> tuple[tuple[Row, Row, Row], Row, Row]:
+    """Return G_n, with a servo of first order, and its input held for a cycle, as tuples."""
+    a, b, c = (part.tolist() for part in zero_order_hold(road, cycle_s))
+    return (tuple(a[0]), tuple(a[1]), tuple(a[2])), tuple(b), tuple(c)
 
 
 def kept_of(cutoff_rad_s: float, cycle_s: float) -> float:
@@ -146,16 +148,17 @@ def kept_of(cutoff_rad_s: float, cycle_s: float) -> float:
     return exp(-cutoff_rad_s * cycle_s)
 
 
-def feedback_at_rest(p: FeedbackParams) -> FeedbackState:
-    """Return the state at the start."""
-    return FeedbackState((0.0,) * len(p.c), 0.0, 0.0, 0.0)
+FEEDBACK_AT_REST = FeedbackState((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
 
 
 def _advanced(p: FeedbackParams, nominal: Row, angle_rad: float) -> Row:
-    return tuple(
-        _dot(row, nominal) + b * angle_rad for row, b in zip(p.a, p.b, strict=True)
-    )  # fmt: skip
+    a, b = p.a, p.b
+    return (
+        _dot(a[0], nominal) + b[0] * angle_rad,
+        _dot(a[1], nominal) + b[1] * angle_rad,
+        _dot(a[2], nominal) + b[2] * angle_rad,
+    )
 
 
 def _dot(left: Row, right: Row) -> float:
-    return sum(map(float.__mul__, left, right))
+    return left[0] * right[0] + left[1] * right[1] + left[2] * right[2]

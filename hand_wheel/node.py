@@ -41,8 +41,8 @@ from ..runtime.node import NS_PER_S, View
 from ..runtime.node.overruns import OverrunSupervision, overrun_rule
 from ..runtime.node.periodic import PeriodicTimer
 from ..runtime.node.statistics import DurationStatistics, durations_report
-from .driver import HANDS_OFF, Sight, driver_at_rest, driver_step
-from .feedback_laws import FEEDBACK_LAWS, FeedbackInput, feedback_at_rest, resist
+from .driver import DRIVER_AT_REST, HANDS_OFF, ReactionTime, Sight, driver_step, kicks_n_m
+from .feedback_laws import FEEDBACK_AT_REST, FEEDBACK_LAWS, FeedbackInput, resist
 from .modes import FeedbackMode, RoadEvidence, feedback_mode_step, share_step
 from .settings import HandWheelSettings
 from .shaking import WINDOW_S, shaking, shaking_text
@@ -123,9 +123,10 @@ class HandWheelNode:
         self._wheel_params, self._wheel = settings.wheel_params, AT_REST
         self._law = FEEDBACK_LAWS[settings.feedback.law]
         self._feedback_params = settings.feedback_params
-        self._feedback = feedback_at_rest(self._feedback_params)
-        self._driver_params = settings.driver_params
-        self._driver = driver_at_rest(self._driver_params)
+        self._feedback = FEEDBACK_AT_REST
+        self._driver_params, self._driver = settings.driver_params, DRIVER_AT_REST
+        self._kicks, self._let_go_ns = settings.kicks, settings.let_go_ns
+        self._late = ReactionTime(self._driver_params.two_point.reaction)
         self._hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
         reads = self._law.reads
         self._road = None if reads is None else self._reception.newest(reads)
@@ -287,10 +288,10 @@ class HandWheelNode:
             self._steered_by, self._ordered_n_m = SteeredBy.DRIVER, 0.0
         angle_rad, rate_rad_s, _, _ = self._wheel
         driver_steers = self._steered_by is not SteeredBy.LAW
-        time_ns, seen = due_ns - self._start_ns, (self._sight, angle_rad)
-        self._driver, self._hands = driver_step(
-            self._driver_params, self._driver, *seen, time_ns, driver_steers
-        )
+        time_ns, seen = due_ns - self._start_ns, (self._late.oldest_rad, self._sight, angle_rad)
+        does = kicks_n_m(self._kicks, time_ns), time_ns < self._let_go_ns, driver_steers
+        self._driver, self._hands = driver_step(self._driver_params, self._driver, *seen, *does)
+        self._late.pass_on(self._driver)
         self._hands = self._person(now_ns) or self._hands
         first_share = self._share if before.mode is not Mode.WAITING else 1.0
         self._share = share_step(first_share, mode, self._share_step)

@@ -10,7 +10,7 @@ from ..dbc.codec.counter_rule import CounterRule
 from ..runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import Settings, SharedTable, read_table
-from .driver import DriverParams, Kick, TwoPointParams
+from .driver import BLIND, DriverParams, Kick, TwoPointParams
 from .feedback_laws import FeedbackParams, kept_of, sampled_model
 from .modes import FeedbackSupervision
 from .nominal_road import Rack, RoadVehicle, road_torque
@@ -205,19 +205,27 @@ class HandWheelSettings(Settings):
     @property
     def driver_params(self) -> DriverParams:
         """Constants of the driver."""
-        table, cycle_s = self.driver, self.cycle_s
-        kicks = tuple(
-            Kick(_ns(kick.at_s), _ns(kick.at_s + kick.lasts_s), kick.torque_n_m)
-            for kick in table.kicks
-        )
-        let_go_ns = NEVER_NS if table.let_go_at_s is None else _ns(table.let_go_at_s)
-        two = table.two_point
-        two_point = None if two is None else TwoPointParams(
+        two, cycle_s = self.driver.two_point, self.cycle_s
+        two_point = BLIND if two is None else TwoPointParams(
             two.far_gain, two.near_gain, two.integral_gain_1_s, two.near_rad_max,
             two.near_m, two.far_s, max(1, round(two.reaction_s / cycle_s)),
             kept_of(1.0 / two.neuromuscular_lag_s, cycle_s),
         )  # fmt: skip
-        return DriverParams(GRIPS[table.grip], let_go_ns, kicks, two_point, cycle_s)
+        return DriverParams(GRIPS[self.driver.grip], two_point, cycle_s)
+
+    @property
+    def kicks(self) -> tuple[Kick, ...]:
+        """His kicks."""
+        return tuple(
+            Kick(_ns(kick.at_s), _ns(kick.at_s + kick.lasts_s), kick.torque_n_m)
+            for kick in self.driver.kicks
+        )
+
+    @property
+    def let_go_ns(self) -> int:
+        """When he takes his hands off."""
+        let_go_at_s = self.driver.let_go_at_s
+        return NEVER_NS if let_go_at_s is None else _ns(let_go_at_s)
 
     @property
     def mode_params(self) -> FeedbackSupervision:

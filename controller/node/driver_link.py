@@ -9,9 +9,11 @@ from collections import Counter
 from ...dbc.messages import HandWheelFeedback, HandWheelState, Sender, SteeredBy
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
+from ...runtime.node import NEVER_NS
 from ..who_steers import (
     HandWheelSettings,
     Steering,
+    assist_rule,
     assist_step,
     steering_rule,
     steering_step,
@@ -28,18 +30,19 @@ class DriverLink:
     def __init__(
         self, settings: HandWheelSettings, reception: Reception, start_ns: int, period_s: float
     ) -> None:
-        self._settings, self._rule, self._period_s = settings, steering_rule(settings), period_s
+        self._ratio = settings.steering_ratio
+        self._rule, self._assist = steering_rule(settings), assist_rule(settings, period_s)
         self._check = reception.newest(HandWheelState)
-        self._steering = Steering(SteeredBy.LAW, start_ns)
+        self._steering = Steering(int(SteeredBy.LAW), start_ns)
         self._torque_n_m = self._share = self._assist_n_m = 0.0
-        self._wheel = 0.0, 0.0
+        self._angle_rad = self._rate_rad_s = 0.0
         self._sender = Sender(HandWheelFeedback)
         self.changes: Counter[str] = Counter()
 
     @property
     def steered_by(self) -> SteeredBy:
         """Who steers."""
-        return self._steering.steered_by
+        return SteeredBy(self._steering.steered_by)
 
     def report(self) -> dict[str, object]:
         """Return who steers at the end, and how often each has begun to."""
@@ -48,29 +51,30 @@ class DriverLink:
     def on_state(self, message: HandWheelState) -> None:
         """Store the driver's torque and the motion of the wheel."""
         self._torque_n_m = message.driver_torque_n_m
-        self._wheel = message.hand_wheel_angle_rad, message.hand_wheel_rate_rad_s
+        self._angle_rad = message.hand_wheel_angle_rad
+        self._rate_rad_s = message.hand_wheel_rate_rad_s
 
     def decide(self, now_ns: int, law_rad: float, *, can_steer: bool) -> SteeredBy:
         """Return who steers from now on; ``can_steer``: whether the law can, with its command."""
         before, arrival_ns = self._steering, self._check.arrival_ns
-        age_ns = None if arrival_ns is None else now_ns - arrival_ns
-        heard = self._torque_n_m, age_ns
-        after = steering_step(self._rule, before, heard, now_ns, can_steer=can_steer)
-        if after.steered_by is not before.steered_by:
-            self.changes[after.steered_by.name.lower()] += 1
+        age_ns = NEVER_NS if arrival_ns is None else now_ns - arrival_ns
+        after = steering_step(self._rule, before, self._torque_n_m, age_ns, now_ns, can_steer)
+        steered_by = SteeredBy(after.steered_by)
+        if steered_by != before.steered_by:
+            self.changes[steered_by.name.lower()] += 1
         self._steering = after
-        wanted_rad = law_rad if after.steered_by is SteeredBy.BOTH else None
+        motion = self._angle_rad, self._rate_rad_s
         self._share, self._assist_n_m = assist_step(
-            self._settings, self._share, wanted_rad, self._wheel, self._period_s
+            self._assist, self._share, steered_by is SteeredBy.BOTH, law_rad, *motion
         )
-        return after.steered_by
+        return steered_by
 
     def frame(self) -> Frame:
         """Return the answer."""
         return self._sender.frame(
             HandWheelFeedback(
                 feedback_torque_n_m=self._assist_n_m,
-                steering_ratio=self._settings.steering_ratio,
+                steering_ratio=self._ratio,
                 answered_state=self._check.counter,
                 steered_by=self.steered_by,
             )

@@ -8,11 +8,13 @@ from steer_by_wire.controller.who_steers import (
     HandWheelSettings,
     Steering,
     SteeringRule,
+    assist_rule,
     assist_step,
     steering_rule,
     steering_step,
 )
 from steer_by_wire.dbc.messages import SteeredBy
+from steer_by_wire.runtime.node import NEVER_NS
 
 LAW, DRIVER, BOTH = SteeredBy.LAW, SteeredBy.DRIVER, SteeredBy.BOTH
 PERIOD_NS = 10_000_000
@@ -24,14 +26,12 @@ def rule(**table: object) -> SteeringRule:
 
 
 def history(
-    p: SteeringRule, torques: list[float], *, age_ns: int | None = FRESH, can_steer: bool = True
+    p: SteeringRule, torques: list[float], *, age_ns: int = FRESH, can_steer: bool = True
 ) -> list[SteeredBy]:
     steering, found = Steering(LAW, 0), []
     for period, torque in enumerate(torques):
-        steering = steering_step(
-            p, steering, (torque, age_ns), period * PERIOD_NS, can_steer=can_steer
-        )
-        found.append(steering.steered_by)
+        steering = steering_step(p, steering, torque, age_ns, period * PERIOD_NS, can_steer)
+        found.append(SteeredBy(steering.steered_by))
     return found
 
 
@@ -49,8 +49,8 @@ def test_who_always_steers_steers_whatever_the_torque(torques: list[float], who:
     assert set(found) <= {SteeredBy[who.upper()]}
 
 
-@given(st.lists(st.floats(-20.0, 20.0), max_size=50), st.sampled_from([None, 101_000_000]))
-def test_a_silent_hand_wheel_never_steers(torques: list[float], age_ns: int | None) -> None:
+@given(st.lists(st.floats(-20.0, 20.0), max_size=50), st.sampled_from([NEVER_NS, 101_000_000]))
+def test_a_silent_hand_wheel_never_steers(torques: list[float], age_ns: int) -> None:
     for who in ("driver", "torque"):
         assert set(history(rule(steered_by=who), torques, age_ns=age_ns)) <= {LAW}
 
@@ -67,22 +67,22 @@ def test_both_steer_until_a_firm_torque_and_again_after_rest() -> None:
     assert found[5:75] == [DRIVER] * 70
     assert found[76:] == [BOTH] * 10
     assert set(history(p, [0.0] * 5, can_steer=False)) == {DRIVER}
-    assert set(history(p, [0.0] * 5, age_ns=None)) == {LAW}
+    assert set(history(p, [0.0] * 5, age_ns=NEVER_NS)) == {LAW}
 
 
 @given(st.lists(st.tuples(st.none() | st.floats(-0.1, 0.1), st.floats(-5.0, 5.0)), max_size=80))
 def test_the_assist_is_limited_and_never_jumps(steps: list[tuple[float | None, float]]) -> None:
-    p, share, before = HandWheelSettings(steered_by="both"), 0.0, 0.0
+    p, share, before = assist_rule(HandWheelSettings(steered_by="both"), 0.01), 0.0, 0.0
     for wanted, angle in steps:
-        share, torque = assist_step(p, share, wanted, (angle, 0.0), 0.01)
-        assert abs(torque) <= share * p.assist_n_m_max
+        share, torque = assist_step(p, share, wanted is not None, wanted or 0.0, angle, 0.0)
+        assert abs(torque) <= share * p.torque_n_m_max
         if wanted is None:
             assert abs(share - before) <= 0.021
         before = share
 
 
 def test_the_assist_turns_the_wheel_to_the_command() -> None:
-    p = HandWheelSettings(steered_by="both", steering_ratio=10.0)
-    assert assist_step(p, 1.0, 0.01, (0.05, 0.0), 0.01)[1] == pytest.approx(20.0 * 0.05)
-    assert assist_step(p, 1.0, 0.01, (0.1, 0.5), 0.01)[1] == pytest.approx(-0.5)
-    assert assist_step(p, 0.0, None, (0.1, 0.5), 0.01) == (0.0, 0.0)
+    p = assist_rule(HandWheelSettings(steered_by="both", steering_ratio=10.0), 0.01)
+    assert assist_step(p, 1.0, True, 0.01, 0.05, 0.0)[1] == pytest.approx(20.0 * 0.05)
+    assert assist_step(p, 1.0, True, 0.01, 0.1, 0.5)[1] == pytest.approx(-0.5)
+    assert assist_step(p, 0.0, False, 0.01, 0.1, 0.5) == (0.0, 0.0)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
 from steer_by_wire.hand_wheel.feedback_laws import (
+    FEEDBACK_AT_REST,
     FEEDBACK_LAWS,
     FeedbackInput,
-    feedback_at_rest,
     resist,
 )
 from steer_by_wire.hand_wheel.nominal_road import RoadVehicle
@@ -63,7 +63,7 @@ def test_the_cdob_of_the_node_is_that_of_the_analysis(
     held = held_wheel(HandWheel(), GRIPS["loose"])
     loop = sampled_feedback(held, road, wheel.cycle_s, sampled_cdob(road, wheel.cycle_s))
     moved = zero_order_hold(held, wheel.cycle_s)
-    whole, ours, state = np.zeros(len(loop.g)), np.zeros(3), feedback_at_rest(p)
+    whole, ours, state = np.zeros(len(loop.g)), np.zeros(3), FEEDBACK_AT_REST
     for arrived in np.random.default_rng(seed).normal(0.0, 1.0, 200):
         force = -float(arrived) / p.force_n_m_n
         state, against = step(p, state, FeedbackInput(float(ours[0]), 0.0, force, 0.0))
@@ -75,7 +75,7 @@ def test_the_cdob_of_the_node_is_that_of_the_analysis(
 @pytest.mark.parametrize("law", sorted(FEEDBACK_LAWS))
 def test_each_law_turns_the_wheel_back(law: str) -> None:
     wheel = hand_wheel(law=law)
-    p, state = wheel.feedback_params, feedback_at_rest(wheel.feedback_params)
+    p, state = wheel.feedback_params, FEEDBACK_AT_REST
     for _ in range(20):  # the wheels stand to the left, and the road pushes them to the right
         u = FeedbackInput(0.3, 0.0, -200.0, 0.3 / wheel.steering_ratio)
         state, against = FEEDBACK_LAWS[law].step(p, state, u)
@@ -88,7 +88,7 @@ def felt(most_n_m_s: float, delay: int) -> list[float]:
     wheel = hand_wheel(5.0, passive_n_m_s_max=most_n_m_s or 1e-12)
     p, state, energies, energy = (
         wheel.feedback_params,
-        feedback_at_rest(wheel.feedback_params),
+        FEEDBACK_AT_REST,
         [],
         0.0,
     )
@@ -111,6 +111,6 @@ def test_the_passivity_controller_gives_back_no_more_than_it_took() -> None:
 
 def test_damping_and_friction_of_the_motor_resist_the_rate() -> None:
     p = hand_wheel(damping_n_m_s=0.5, friction_n_m=0.2).feedback_params
-    state = feedback_at_rest(p)
+    state = FEEDBACK_AT_REST
     assert resist(p, state, 0.0, 2.0)[1] == pytest.approx(-1.2)
     assert resist(p, state, 0.0, -0.05)[1] == pytest.approx(0.125)
