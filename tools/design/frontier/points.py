@@ -156,13 +156,13 @@ def specification_for(
         ignore_s=asked.ignore_s,
         follows_car=STRUCTURES[structure].follows_car,
         course=panel.table.course,
-        search=asked.search,
+        search=panel.search,
         predictor=PredictorTable(
             delay_ms_max=delay_ms,
             delay_step_ms=0.5 * delay_ms,
             margin_ms=asked.margin_share * delay_ms,
             fallback=panel.table.predictor,
-            generations=asked.predictor_generations,
+            generations=panel.table.predictor_generations or asked.predictor_generations,
         ),
     )
 
@@ -176,7 +176,7 @@ def predictor_points(panel: Panel) -> Iterator[Point]:
     for delay_ms in reversed(panel.table.delays_ms):
         spec = specification_for(panel, PREDICTOR, delay_ms)
         table = required(spec.predictor)
-        near = (longer, shipped)[: panel.asked.search.starts - 1]
+        near = (longer, shipped)[: panel.search.starts - 1]
         design = design_predictor(spec, table, panel.vehicle, preset, without_end, near)
         longer = design.values
         if not any(demand.excess for demand in predictor_demands(spec, table, design)):

@@ -58,6 +58,8 @@ class PanelTable(Settings):
     ``noise_gain_rad_m_max``  standard deviation of the steer for white noise of 1 m standard
                               deviation on the lateral error, and of 0.1 rad on the heading error
     ``predictor``             preset near which the predictor's first starts begin
+    ``search``                in place of that of all panels
+    ``predictor_generations`` the same, of the predictor's search
     """
 
     name: Annotated[str, Field(min_length=1, max_length=40)]
@@ -65,6 +67,8 @@ class PanelTable(Settings):
     delays_ms: Annotated[tuple[DelayMs, ...], Field(min_length=1, max_length=20)]
     noise_gain_rad_m_max: PositiveFloat
     predictor: str
+    search: SearchTable | None = None
+    predictor_generations: Annotated[int, Field(ge=1, le=10_000)] | None = None
     course: CourseTable
 
     def at_speed(self, vehicle: VehicleFile) -> VehicleFile:
@@ -110,6 +114,11 @@ class Panel(NamedTuple):
     asked: FrontierSettings
     table: PanelTable
     vehicle: VehicleFile
+
+    @property
+    def search(self) -> SearchTable:
+        """How long the search of a structure is."""
+        return self.table.search or self.asked.search
 
 
 def panels_of(asked: FrontierSettings, vehicle: VehicleFile) -> list[Panel]:

@@ -102,6 +102,7 @@ def quick(delays_ms: Sequence[float], duration_s: float, *overrides: str) -> Pan
     (settings, table, _), *_ = panels_of(asked(*overrides), alone)
     course = table.course.model_copy(update={"duration_s": duration_s})
     changed = {"delays_ms": tuple(delays_ms), "course": course}
+    changed |= {"search": None, "predictor_generations": None}
     return Panel(settings, table.model_copy(update=changed), alone)
 
 
