@@ -4,6 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from steer_by_wire.dbc.codec.counter_rule import PERIOD_NS_MIN, CounterRule
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.dbc.secoc.secured_frame import Refused
@@ -14,7 +15,6 @@ from tests.support.frames.authenticated_ends import (
     controller,
     met,
 )
-from tests.support.frames.counter_rules import rule
 
 OTHER_KEY = bytes(range(1, 17))
 
@@ -66,7 +66,7 @@ def test_no_bytes_make_an_end_raise_or_accept(
 
 
 def test_a_receiver_without_a_key_says_so() -> None:
-    reception = Reception((LateralError, SteeringCommand), rule())
+    reception = Reception((LateralError, SteeringCommand), CounterRule(9 * PERIOD_NS_MIN, 3))
     _, plant_end = met()
     assert reception.receive(plant_end.secure(FROM_PLANT[0])) is Refused.NO_KEY
     assert reception.receive(FROM_PLANT[0]) == ERROR_MESSAGE

@@ -1,7 +1,6 @@
 """Controller and plant with authenticated frames: the same run, and nobody else has a say."""
 
 from collections.abc import Mapping, Sequence
-from itertools import cycle
 from typing import Any, NamedTuple
 
 import pytest
@@ -38,7 +37,6 @@ from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from tests.support.frames.authenticated_ends import KEY, controller, meet, plant
 from tests.support.frames.decoded_frames import messages_in
 from tests.support.frames.made_messages import command_of, latency_of
-from tests.support.frames.timed_sender import TimedSender
 
 OTHER_KEY = bytes(range(1, 17))
 MS_NS = 1_000_000
@@ -192,9 +190,24 @@ def test_refusals_of_authentication_are_reported_on_the_bus_and_kept_apart_in_th
         assert end.node.report()["rejected"] == {}
 
 
-def intruder(frames: Sequence[Frame]) -> TimedSender:
-    """Put a frame on the bus each millisecond, over and over."""
-    return TimedSender((MS_NS * sent, frame) for sent, frame in enumerate(cycle(frames)))
+class Intruder:
+    """Puts a frame on the bus each millisecond, over and over."""
+
+    finished = False
+
+    def __init__(self, frames: Sequence[Frame]) -> None:
+        self._frames, self.sent = frames, 0
+
+    @property
+    def deadline_ns(self) -> int:
+        return MS_NS * self.sent
+
+    def on_frame(self, _frame: Frame, _now_ns: int) -> Sequence[Frame]:
+        return ()
+
+    def on_tick(self, _now_ns: int) -> Sequence[Frame]:
+        self.sent += 1
+        return [self._frames[(self.sent - 1) % len(self._frames)]]
 
 
 def spoofed() -> list[Frame]:
@@ -209,13 +222,13 @@ def spoofed() -> list[Frame]:
 
 def test_spoofed_commands_disturb_a_classic_plant(classic: Pair) -> None:
     """What authentication is for: without a key, anyone who can send can steer."""
-    report = Pair(None, None, others=[intruder(spoofed())]).plant.report()
+    report = Pair(None, None, others=[Intruder(spoofed())]).plant.report()
     assert report["second_senders"] == ["STEERING_COMMAND"]
     assert report["preview_peak_m"] > 2.0 * classic.plant.report()["preview_peak_m"]
 
 
 def test_spoofed_commands_change_no_bit_of_an_authenticated_run(authenticated: Pair) -> None:
-    attacker = intruder(spoofed())
+    attacker = Intruder(spoofed())
     pair = Pair(*met(), others=[attacker])
     assert pair.run == authenticated.run
     assert pair.report["refused"] == {
@@ -227,7 +240,7 @@ def test_spoofed_commands_change_no_bit_of_an_authenticated_run(authenticated: P
 def test_replayed_recordings_change_no_bit_of_an_authenticated_run(authenticated: Pair) -> None:
     """Of a session before, with the same key: of every message, in order, over and over."""
     earlier = [heard.frame for heard in authenticated.heard]
-    attacker = intruder(earlier)
+    attacker = Intruder(earlier)
     pair = Pair(*met(1), others=[attacker])
     assert pair.run == authenticated.run
     assert sum(pair.report["refused"].values()) == attacker.sent
@@ -277,7 +290,7 @@ def test_frames_repeated_within_the_session_change_no_bit_of_the_run(
 
 def test_the_latency_cannot_be_changed_by_who_has_no_key() -> None:
     config = encode(latency_of(Direction.BOTH, 0.4, loss=0.5), 0)
-    attacker = intruder([config])
+    attacker = Intruder([config])
     pair = Pair(*met(), others=[attacker])
     assert pair.plant.report()["downlink"]["latency"]["max_s"] < 0.4
     assert pair.report["refused"] == {"unauthenticated": attacker.sent}
