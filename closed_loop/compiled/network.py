@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...plant_emulator.network.latency_correlation import uniform_of_score
 from ...plant_emulator.network.latency_distributions import RESOLUTION_S, Distribution
+from ...plant_emulator.network.latency_draw import uniform_of_score
 from ...plant_emulator.network.latency_over_time import profile_at
 from ...plant_emulator.network.loss import LossParams, bernoulli, gilbert, loss_step
 from ...plant_emulator.network.random_streams import Stream, first_uniforms

@@ -24,6 +24,7 @@ from typing import Any
 
 from ...dbc import messages
 from ...plant_emulator.evaluation.error_windows import WINDOW_SHARE_MAX
+from ...plant_emulator.evaluation.held_figures import HeldRules
 from ...plant_emulator.evaluation.report_in_json import motion_report
 from ...plant_emulator.evaluation.run_record import RunningFigures
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
@@ -57,9 +58,9 @@ class HeldPath:
                 "gravity alone (allowed: preview, centre_of_gravity)"
             )
         self._rules = rules
-        self._figures = RunningFigures(rules.settling_band_m, SAMPLES_MAX)
+        self._figures = RunningFigures(HeldRules(rules.settling_band_m), SAMPLES_MAX)
         """Of the preview point; ``_of_car`` has the same where the log tells where the car is."""
-        self._of_car = RunningFigures(rules.settling_band_m, SAMPLES_MAX)
+        self._of_car = RunningFigures(HeldRules(rules.settling_band_m), SAMPLES_MAX)
         self._recent: deque[tuple[float, float, float]] = deque()
         """Time, error and deviation of the car, of SMOOTHED_S; without times the newest only."""
         self.has_started = False
@@ -70,7 +71,7 @@ class HeldPath:
     @property
     def samples(self) -> int:
         """Measurements since the first command."""
-        return self._figures.samples
+        return self._figures.held.samples
 
     @property
     def can_be_judged(self) -> bool:
@@ -89,16 +90,15 @@ class HeldPath:
             self._limit = _LIMITS.get(message.status, "")
         elif isinstance(message, messages.LateralError) and self.has_started:
             error_m = message.lateral_error_m
-            if not self._figures.samples:
+            if not self.samples:
                 self._first_s = at_s
             is_settled = at_s - self._first_s >= self._rules.settled_s
             smoothed = self._smoothed(at_s, error_m, cg_deviation_m)
             for figures, judged_m in zip((self._figures, self._of_car), smoothed, strict=True):
-                if is_settled and figures.settled_after == math.inf:
-                    figures.settled_after = figures.samples
+                if is_settled and figures.rules.settled_after == math.inf:
+                    figures.rules = figures.rules._replace(settled_after=figures.held.samples)
                 if not math.isnan(judged_m):
-                    sample = error_m, cg_deviation_m, judged_m, self._wheel_rad, self._limit
-                    figures.add([sample])
+                    figures.add(error_m, cg_deviation_m, judged_m, self._wheel_rad, self._limit)
 
     def _smoothed(self, at_s: float, error_m: float, cg_m: float) -> tuple[float, float]:
         recent = self._recent
@@ -115,13 +115,13 @@ class HeldPath:
         ``left_range``  whether an error was beyond the range of its signal
         """
         figures, rules = self._figures, self._rules
-        if self._of_car.samples < KNOWN_SHARE * self.samples:
+        if self._of_car.held.samples < KNOWN_SHARE * self.samples:
             rules = rules.model_copy(update={"judged_point": "preview"})
         elif rules.judged_point == "centre_of_gravity":
             figures = self._of_car
-        if left_range and figures.samples:
-            figures.preview_peak_m = math.inf
-        motion_ns = round(figures.samples * period_s * NS_PER_S)
+        if left_range and figures.held.samples:
+            figures.held = figures.held._replace(preview_peak_m=math.inf)
+        motion_ns = round(figures.held.samples * period_s * NS_PER_S)
         return motion_report(figures, motion_ns, rules, 0.0, period_s)
 
 

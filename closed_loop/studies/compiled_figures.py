@@ -30,7 +30,7 @@ from ...plant_emulator.evaluation.error_windows import (
     WindowFigures,
     window_figures,
 )
-from ...plant_emulator.evaluation.judged_point import behind_preview_m
+from ...plant_emulator.evaluation.held_figures import NOTHING_HELD, HeldRules, held_step
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, Peaks, RunEnd, Verdict, VerdictRules
 from ...plant_emulator.path.corridor import BETWEEN, corridor_of, outside_at
 from ...plant_emulator.path.lane import beyond_lane_m
@@ -160,12 +160,17 @@ def figures_of(
         return blank._replace(
             latency_mean_s=latency.mean_s, latency_p99_s=latency.p99_s, outside_m=body_m[0]
         )
-    moved = time_s, lateral_error_m, cg_deviation_m, judged_m, wheel_rad
-    car, windows, effort, preview, settled, peaks = _moved_figures(rules, *moved, sent_rad)
+    moved = lateral_error_m, cg_deviation_m, judged_m, wheel_rad
+    held, windows, effort = _moved_figures(rules, *moved, sent_rad)
+    is_settled = held.settled_at < held.samples
+    settling_s = held.settled_at * rules.sensor_period_s if is_settled else nan
     return Figures._make(
         (
-            *(*car, *windows, *effort, *preview, *latency, *settled, *peaks),
-            *(*body_m, rules.sensor_noise_m, nan, nan, nan),
+            *(float(time_s[-1]), held.rms_m, held.peak_m, held.final_m, settling_s),
+            *(*windows, *effort, held.preview_rms_m, held.preview_peak_m, *latency),
+            *(held.settled_rms_m, held.settled_preview_rms_m, held.judged_peak_m),
+            *(held.settled_peak_m if held.settled else nan, *body_m),
+            *(rules.sensor_noise_m, nan, nan, nan),
         )
     )
 
@@ -186,52 +191,20 @@ def latency_figures(latency_s: RealArray) -> LatencyFigures:
 
 
 register(window_figures)
+register(held_step)
 
 
 @compiled
 def _moved_figures(
-    rules: Any,
-    time_s: Any,
-    error_m: Any,
-    cg_m: Any,
-    judged_m: Any,
-    wheel_rad: Any,
-    sent_rad: Any,
+    rules: Any, error_m: Any, cg_m: Any, judged_m: Any, wheel_rad: Any, sent_rad: Any
 ) -> Any:
     window = round(rules.window_s / rules.sensor_period_s)
     windows = window_figures(judged_m, wheel_rad, window, rules.sensor_period_s)
-    settling_s = _settling_s(rules, judged_m)
-    car = time_s[-1], _rms(cg_m, 0), _peak(cg_m, 0), cg_m[-1], settling_s
-    preview = _rms(error_m, 0), _peak(error_m, 0)
-    first = math.ceil(rules.settled_s / rules.sensor_period_s)
-    settled = _rms(cg_m, first), _rms(error_m, first)
-    peaks = _peak(judged_m, 0), _peak(judged_m, first) if first < len(judged_m) else math.nan
-    return car, windows, _effort(rules, sent_rad), preview, settled, peaks
-
-
-@compiled
-def _rms(values: Any, first: int) -> float:
-    """Return the root mean square from a sample on, added up in the order of the samples."""
-    square = 0.0
-    for k in range(first, len(values)):
-        square += values[k] * values[k]
-    return math.sqrt(square / (len(values) - first)) if first < len(values) else math.nan
-
-
-@compiled
-def _peak(values: Any, first: int) -> float:
-    peak = 0.0
-    for k in range(first, len(values)):
-        peak = max(peak, abs(values[k]))
-    return peak
-
-
-@compiled
-def _settling_s(rules: Any, judged_m: Any) -> float:
-    for k in range(len(judged_m) - 1, -1, -1):
-        if abs(judged_m[k]) > rules.settling_band_m:
-            return (k + 1) * rules.sensor_period_s if k + 1 < len(judged_m) else math.nan
-    return 0.0
+    settled_after = math.ceil(rules.settled_s / rules.sensor_period_s)
+    held_rules, held = HeldRules(rules.settling_band_m, settled_after), NOTHING_HELD
+    for k in range(len(error_m)):
+        held = held_step(held_rules, held, error_m[k], cg_m[k], judged_m[k], wheel_rad[k])
+    return held, windows, _effort(rules, sent_rad)
 
 
 @compiled
@@ -273,7 +246,7 @@ def rules_of(
         min(rules.window_s, WINDOW_SHARE_MAX * plant.duration_s),
         rules.settling_band_m,
         rules.settled_s,
-        behind_preview_m(rules.judged_point, plant.vehicle),
+        rules.behind_preview_m(plant.vehicle),
         plant.sensor_noise.lateral_error_m,
     )
 

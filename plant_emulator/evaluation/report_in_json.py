@@ -27,38 +27,40 @@ def motion_report(
     ``limited_share``     share of the time in which a limit, and not the command, decided about the
                           wheel, and ``limited_share_by`` limit
     """
-    samples = figures.samples
+    held, peaks_m = figures.held, figures.peaks_m
+    samples, outside = held.samples, figures.outside
     newest = list(figures.newest_m), list(figures.newest_wheel_rad)
-    peaks_m = figures.peaks_m
-    end = driven_end(samples, figures.preview_peak_m)
+    end = driven_end(samples, held.preview_peak_m)
     judged = judge(rules, *newest, end, noise_m, peaks_m, period_s, samples)
-    is_cg_known = not math.isnan(figures.rms_m)
+    is_cg_known = not math.isnan(held.rms_m)
     return {
         "motion_s": motion_ns * 1e-9,
         "samples": samples,
-        "rms_m": figures.rms_m if is_cg_known else None,
-        "settled_rms_m": None if math.isnan(figures.settled_rms_m) else figures.settled_rms_m,
-        "peak_m": figures.peak_m if is_cg_known else None,
-        "final_m": figures.final_m if is_cg_known else None,
-        "preview_rms_m": figures.preview_rms_m,
-        "preview_peak_m": figures.preview_peak_m,
-        "lateral_error_final_m": figures.judged_final_m,
-        "wheel_angle_peak_rad": figures.wheel_angle_peak_rad,
-        "settling_s": figures.settled_at * period_s if figures.settled_at < samples else None,
+        "rms_m": held.rms_m if is_cg_known else None,
+        "settled_rms_m": _known(held.settled_rms_m),
+        "peak_m": held.peak_m if is_cg_known else None,
+        "final_m": held.final_m if is_cg_known else None,
+        "preview_rms_m": held.preview_rms_m,
+        "preview_peak_m": held.preview_peak_m,
+        "lateral_error_final_m": held.judged_final_m,
+        "wheel_angle_peak_rad": held.wheel_angle_peak_rad,
+        "settling_s": held.settled_at * period_s if held.settled_at < samples else None,
         **judged.report(),
         "judged_point": rules.judged_point,
         "judged_peak_m": peaks_m.whole_m,
         "settled_s": rules.settled_s,
-        "settled_peak_m": None if math.isnan(peaks_m.settled_m) else peaks_m.settled_m,
-        "beyond_lane_m": None if math.isnan(peaks_m.beyond_lane_m) else peaks_m.beyond_lane_m,
-        "corridor": figures.outside._asdict()
-        if figures.outside and figures.outside.section
-        else None,
+        "settled_peak_m": _known(peaks_m.settled_m),
+        "beyond_lane_m": _known(peaks_m.beyond_lane_m),
+        "corridor": outside._asdict() if outside and outside.section else None,
         "limited_share": sum(figures.limited.values()) / max(samples, 1),
         "limited_share_by": {
             limit: count / samples for limit, count in figures.limited.most_common()
         },
     }
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def reception_report(reception: Reception) -> Mapping[str, Any]:

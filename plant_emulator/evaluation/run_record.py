@@ -17,7 +17,7 @@ from ..path.path import Path, pose
 from ..vehicle.exact_propagation import LinearState
 from ..vehicle.moving_vehicle import Motion
 from ..vehicle.settings import VehicleSettings
-from .judged_point import behind_preview_m
+from .held_figures import NOTHING_HELD, HeldRules, held_step
 from .run_verdict import Peaks, VerdictRules, samples_judged
 
 SAMPLES_MAX = 1_000_000
@@ -61,100 +61,43 @@ limit.
 class RunningFigures:
     """Figures of a run, taken up sample by sample.
 
-    ``band_m``        in which the judged point settles
-    ``newest``        how many of the newest errors and wheel angles are kept
-    ``settled_after`` number of samples after which the judged point is to have settled
+    ``newest``  how many of the newest errors and wheel angles are kept
 
-    ``peak_m``, ``final_m``  of the centre of gravity's deviation from the path, as ``*rms_m``
-    ``newest_m``    of the judged point's error, as ``peaks_m``
-    ``settled_at``  number of the sample from which the judged point has stayed in its band
-    ``outside``     where the body was farthest beyond an edge of its corridor; None without one
+    ``rules``    when the judged point has settled
+    ``held``     how well the path has been held
+    ``newest_m`` of the judged point's error
+    ``outside``  where the body was farthest beyond an edge of its corridor; None without one
     ``beyond_lane_m``  how far a corner of the body was beyond an edge of its lane; NaN without one
-    ``limited``     samples at which a limit decided about the wheel, by its name
+    ``limited``  samples at which a limit decided about the wheel, by its name
     """
 
-    def __init__(
-        self, band_m: float = math.inf, newest: int = 0, settled_after: float = math.inf
-    ) -> None:
-        self.settled_after = settled_after
+    def __init__(self, rules: HeldRules, newest: int = 0) -> None:
+        self.rules, self.held = rules, NOTHING_HELD
         self.outside: Outside | None = None
         self.beyond_lane_m = math.nan
-        self.samples = 0
-        self.preview_peak_m = 0.0
-        self.final_m = self.judged_final_m = 0.0
-        self.peak_m = 0.0
-        self.wheel_angle_peak_rad = 0.0
-        self.settled_at = 0
         self.limited: Counter[str] = Counter()
         self.newest_m: deque[float] = deque(maxlen=newest)
         self.newest_wheel_rad: deque[float] = deque(maxlen=newest)
-        self._judged_peak_m = 0.0
-        self._settled_peak_m = 0.0
-        self._error_squares_m2 = 0.0
-        self._deviation_squares_m2 = 0.0
-        self._settled_squares_m2 = 0.0
-        self._band_m = band_m
 
-    def add(self, samples: Sequence[tuple[float, float, float, float, str]]) -> None:
-        """Add samples: lateral error, deviation of the centre of gravity, judged point's error.
-
-        The fourth value is the wheel angle. The last names what decides about the wheel, and is
-        empty if nothing does.
-        """
-        if not samples:
-            return
-        errors_m, cgs_m, judged_m, wheels_rad, limits = zip(*samples, strict=True)
-        for error_m, cg_m in zip(errors_m, cgs_m, strict=True):
-            self._error_squares_m2 += error_m * error_m
-            self._deviation_squares_m2 += cg_m * cg_m
-        self.newest_m.extend(judged_m)
-        self.newest_wheel_rad.extend(wheels_rad)
-        self.limited.update(filter(None, limits))
-        off_m = [abs(each_m) for each_m in judged_m]
-        before, self.samples = self.samples, self.samples + len(samples)
-        if self.samples > self.settled_after:
-            first = max(int(self.settled_after) - before, 0)
-            self._settled_peak_m = max(self._settled_peak_m, *off_m[first:])
-            for cg_m in cgs_m[first:]:
-                self._settled_squares_m2 += cg_m * cg_m
-        for count, distance_m in enumerate(off_m, before + 1):
-            if distance_m > self._band_m:
-                self.settled_at = count
-        self._judged_peak_m = max(self._judged_peak_m, *off_m)
-        self.preview_peak_m = max(self.preview_peak_m, *map(abs, errors_m))
-        self.peak_m = max(self.peak_m, *map(abs, cgs_m))
-        self.wheel_angle_peak_rad = max(self.wheel_angle_peak_rad, *map(abs, wheels_rad))
-        self.final_m, self.judged_final_m = cgs_m[-1], judged_m[-1]
+    def add(
+        self, error_m: float, deviation_m: float, judged_m: float, wheel_rad: float, limit: str
+    ) -> None:
+        """Add a sample, as for ``held_step``; ``limit`` decides about the wheel, empty for none."""
+        self.held = held_step(self.rules, self.held, error_m, deviation_m, judged_m, wheel_rad)
+        self.newest_m.append(judged_m)
+        self.newest_wheel_rad.append(wheel_rad)
+        if limit:
+            self.limited[limit] += 1
 
     @property
     def peaks_m(self) -> Peaks:
-        """Largest errors of the judged point."""
-        has_settled = self.samples > self.settled_after
+        """Largest errors of the judged point, and of the body."""
         return Peaks(
-            self._judged_peak_m,
-            self._settled_peak_m if has_settled else math.nan,
+            self.held.judged_peak_m,
+            self.held.settled_peak_m if self.held.settled else math.nan,
             math.nan if self.outside is None else self.outside.outside_m,
             self.beyond_lane_m,
         )
-
-    @property
-    def preview_rms_m(self) -> float:
-        """Root mean square of the preview point's lateral error; 0 without samples."""
-        return self._rms_m(self._error_squares_m2)
-
-    @property
-    def rms_m(self) -> float:
-        """Root mean square of the deviation of the centre of gravity; 0 without samples."""
-        return self._rms_m(self._deviation_squares_m2)
-
-    @property
-    def settled_rms_m(self) -> float:
-        """The same without the samples before it is to have settled; NaN for a shorter run."""
-        counted = self.samples - self.settled_after
-        return math.sqrt(self._settled_squares_m2 / counted) if counted > 0.0 else math.nan
-
-    def _rms_m(self, squares_m2: float) -> float:
-        return math.sqrt(squares_m2 / self.samples) if self.samples else 0.0
 
 
 class RunRecord:
@@ -162,31 +105,28 @@ class RunRecord:
 
     ``period_s``     of the sensors
     ``samples_max``  how many are kept in ``samples``
-    ``corridor``     in which the body has to stay
+    ``corridor``, ``lane``  in which the body has to stay
     """
 
     def __init__(
         self,
         motion: Motion,
         vehicle: VehicleSettings,
-        duration_s: float,
         rules: VerdictRules,
+        duration_s: float,
         period_s: float,
         samples_max: int,
         corridor: Corridor | None = None,
         lane: Lane | None = None,
     ) -> None:
-        self._lane = lane
-        self.rules, self.period_s = rules, period_s
+        self._motion, self._corridor, self._lane = motion, corridor, lane
+        self._behind_m = rules.behind_preview_m(vehicle)
+        held_rules = HeldRules(rules.settling_band_m, math.ceil(rules.settled_s / period_s))
         newest = samples_judged(rules, duration_s, period_s)
-        settled_after = math.ceil(rules.settled_s / period_s)
-        self._figures = RunningFigures(rules.settling_band_m, newest, settled_after)
-        self._corridor = corridor
+        self._figures = RunningFigures(held_rules, newest)
         self._figures.outside = None if corridor is None else BETWEEN
         self._samples: list[PlantSample] = []
         self._samples_max = samples_max
-        self._motion = motion
-        self._behind_m = behind_preview_m(rules.judged_point, vehicle)
         self._waiting: list[_Taken] = []
         """Samples that are neither in the figures nor in ``samples`` yet."""
 
@@ -217,10 +157,9 @@ class RunRecord:
 
     def _process_waiting(self) -> None:
         """Add the waiting samples to the figures, and keep those for which there is room."""
-        room = self._samples_max - len(self._samples)
         path = self._motion.path
         preview_m, behind_m = self._motion.preview_distance_m, self._behind_m
-        figures = []
+        figures = self._figures
         for time_ns, linear, at_m, command, (downlink_s, uplink_s), limit in self._waiting:
             side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = linear
             cg_m = cg_deviation_m(path, at_m, heading_rad, error_m, preview_m)
@@ -233,7 +172,7 @@ class RunRecord:
             if self._corridor is not None:
                 where = at_m, heading_rad, error_m, preview_m
                 outside = outside_at(self._corridor, path, *where)
-                self._figures.outside = max(self._figures.outside or BETWEEN, outside)
+                figures.outside = max(figures.outside or BETWEEN, outside)
             if self._lane is not None:
                 rear_m = cg_deviation_m(
                     path, at_m, heading_rad, error_m, preview_m + self._lane.rear_m
@@ -241,9 +180,9 @@ class RunRecord:
                 at = preview_m, heading_rad, error_m, rho
                 beyond_m = float(beyond_lane_m(self._lane, *at, rear_m))
                 # The first one takes the place of a NaN.
-                self._figures.beyond_lane_m = max(beyond_m, self._figures.beyond_lane_m)
-            figures.append((error_m, cg_m, judged_m, wheel_rad, limit))
-            if len(figures) > room:
+                figures.beyond_lane_m = max(beyond_m, figures.beyond_lane_m)
+            figures.add(error_m, cg_m, judged_m, wheel_rad, limit)
+            if len(self._samples) >= self._samples_max:
                 continue
             sample = (
                 time_ns * 1e-9,
@@ -260,7 +199,6 @@ class RunRecord:
                 cg_m,
             )
             self._samples.append(new_record(PlantSample, sample))
-        self._figures.add(figures)
         self._waiting.clear()
 
 

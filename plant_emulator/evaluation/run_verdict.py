@@ -51,7 +51,7 @@ commands sooner or later and then stays in a limit cycle: both verdicts mean tha
 import math
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -59,10 +59,12 @@ from pydantic import Field
 from ...dbc.messages import LateralError, limits
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import Settings
+from ..vehicle.settings import VehicleSettings
 from .amplitude_and_rhythm import fast_half
 from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
-from .judged_point import JudgedPoint
 
+JudgedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
+"""The car is where its centre of gravity is; the preview point lies ahead of it."""
 NOISE_GAIN = 6.0
 """Amplitude that white noise may cause over its standard deviation, of the error [m/m] and of the
 wheel [rad/m]. Laws designed for noise of 20 mm move the wheel by 3.2 rad/m (RMS), and less where
@@ -149,6 +151,13 @@ class VerdictRules(Settings):
     """Noise of 20 mm moves the wheel by 0.05 rad under the laws designed for it."""
     irregularity: float = Field(0.4, gt=0.0, le=10.0)
     drift_m_s: float = Field(0.005, gt=0.0, le=100.0)
+
+    def behind_preview_m(self, vehicle: VehicleSettings) -> float:
+        """Return how far the judged point lies behind the preview point."""
+        preview_m = vehicle.preview_distance_m
+        rear_m = preview_m + vehicle.rear_axle_distance_m
+        places_m = {"preview": 0.0, "centre_of_gravity": preview_m, "rear_axle": rear_m}
+        return places_m[self.judged_point]
 
 
 class Peaks(NamedTuple):

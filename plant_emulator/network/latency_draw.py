@@ -12,14 +12,16 @@ every frame later.
 from collections import deque
 from collections.abc import Iterator
 from itertools import islice
-from math import isnan
+from math import exp, isnan, sqrt
+from statistics import NormalDist
 
 from ...runtime.node import NS_PER_S
-from .latency_correlation import correlated_score, uniform_of_score
 from .latency_distributions import QUANTILES, Distribution
 from .latency_over_time import profile_at
 from .loss import LossParams, bernoulli, gilbert, loss_step
 from .settings import LatencySettings
+
+_STANDARD_NORMAL = NormalDist()
 
 
 class LatencyDraw:
@@ -117,3 +119,24 @@ class LatencyDraw:
     def _loss_params(self, loss: float) -> LossParams:
         burst_frames = self._settings.burst_frames
         return bernoulli(loss) if burst_frames is None else gilbert(loss, burst_frames)
+
+
+def correlated_score(
+    previous: float, u: float, elapsed_s: float, correlation_time_s: float
+) -> float:
+    """Advance the AR(1) process behind correlated latencies by one frame.
+
+        z ← φ z + √(1 − φ²) Φ⁻¹(u),   φ = exp(−elapsed / correlation time)
+
+    z stays standard normal, so `uniform_of_score(z)` is a uniform again and the distribution of
+    the latencies stays what it was. For frames at a regular period this is AR(1) with the
+    constant coefficient φ; tying φ to time gives messages of different periods, and frames sent
+    at the same instant, the one state of the network that they share.
+    """
+    phi = exp(-elapsed_s / correlation_time_s)
+    return phi * previous + sqrt(1.0 - phi * phi) * _STANDARD_NORMAL.inv_cdf(u)
+
+
+def uniform_of_score(score: float) -> float:
+    """Return Φ(z), kept off the ends of (0, 1)."""
+    return min(max(_STANDARD_NORMAL.cdf(score), 2.0**-54), 1.0 - 2.0**-53)

@@ -165,8 +165,8 @@ class PlantNode:
         self._record = RunRecord(
             self._motion,
             settings.vehicle,
-            settings.duration_s,
             settings.verdict,
+            settings.duration_s,
             settings.sensor_period_ns / NS_PER_S,
             samples_max,
             corridor_of(settings.path),
@@ -309,7 +309,7 @@ class PlantNode:
             each.latest_latency_ns * 1e-6 for each in (network.downlink, network.uplink)
         )
         now = (
-            f"{unit.mode.name}  car {1e3 * self._record.figures.final_m:+.1f} mm"
+            f"{unit.mode.name}  car {1e3 * self._record.figures.held.final_m:+.1f} mm"
             f"  steer {unit.target_rad:+.3f}  {down_ms:.0f}+{up_ms:.0f} ms"
             f"  rejected {reception.refused}  lost {network.lost}"
         )
@@ -326,16 +326,16 @@ class PlantNode:
         ``interventions``         what tools on the bus have changed (``Interventions.report``)
         ``warnings``              settings that had no effect (``settings_without_effect``)
         """
-        record, clamped = self._record, self._sampling.frames.clamped
+        settings, clamped = self._settings, self._sampling.frames.clamped
         return {
-            "seed": self._settings.seed,
+            "seed": settings.seed,
             "failure": self._own_fault.failure,
             **motion_report(
-                record.figures,
+                self._record.figures,
                 self._motion.time_ns,
-                record.rules,
-                self._settings.sensor_noise.lateral_error_m,
-                record.period_s,
+                settings.verdict,
+                settings.sensor_noise.lateral_error_m,
+                settings.sensor_period_ns / NS_PER_S,
             ),
             "downlink": line_report(self._network.downlink),
             "uplink": line_report(self._network.uplink),
@@ -346,7 +346,7 @@ class PlantNode:
             "safety": self._unit.report(),
             "interventions": self.interventions.report(),
             "warnings": settings_without_effect(
-                self._settings,
+                settings,
                 self._motion.path,
                 self._network.traces_s,
                 self._motion.time_ns / NS_PER_S,

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steer_by_wire.plant_emulator.evaluation.held_figures import HeldRules
 from steer_by_wire.plant_emulator.evaluation.run_record import (
     PlacedSample,
     PlantSample,
@@ -64,22 +65,21 @@ def test_a_sample_is_its_lateral_error_away_from_the_path(
 
 
 def test_figures_by_hand() -> None:
-    figures = RunningFigures(settled_after=2)
-    figures.add([(1.0, 2.0, 3.0, 0.1, ""), (-7.0, -14.0, -9.0, -0.3, "")])
+    figures = RunningFigures(HeldRules(settled_after=2))
+    assert figures.held.preview_rms_m == 0.0
+    figures.add(1.0, 2.0, 3.0, 0.1, "")
+    figures.add(-7.0, -14.0, -9.0, -0.3, "")
     assert math.isnan(figures.peaks_m.settled_m)
-    figures.add([(5.0, 10.0, -6.0, 0.2, "")])
+    figures.add(5.0, 10.0, -6.0, 0.2, "")
     assert figures.peaks_m._replace(outside_m=0.0) == Peaks(9.0, 6.0, 0.0)
-    assert figures.samples == 3
-    assert figures.preview_rms_m == pytest.approx(5.0)
-    assert figures.preview_peak_m == 7.0
-    assert (figures.final_m, figures.judged_final_m) == (10.0, -6.0)
-    assert figures.rms_m == pytest.approx(10.0)
-    assert figures.peak_m == 14.0
-    assert figures.wheel_angle_peak_rad == 0.3
-
-
-def test_a_run_without_samples_has_no_error() -> None:
-    assert RunningFigures().preview_rms_m == 0.0
+    held = figures.held
+    assert held.samples == 3
+    assert held.preview_rms_m == pytest.approx(5.0)
+    assert held.preview_peak_m == 7.0
+    assert (held.final_m, held.judged_final_m) == (10.0, -6.0)
+    assert held.rms_m == pytest.approx(10.0)
+    assert held.peak_m == 14.0
+    assert held.wheel_angle_peak_rad == 0.3
 
 
 # The trace file

@@ -20,6 +20,7 @@ from steer_by_wire.closed_loop.studies.compiled_figures import (
 )
 from steer_by_wire.dbc.messages import LateralError, limits
 from steer_by_wire.plant_emulator.evaluation.error_windows import WindowFigures, window_figures
+from steer_by_wire.plant_emulator.evaluation.held_figures import HeldRules
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.evaluation.run_record import RunningFigures
 from steer_by_wire.plant_emulator.evaluation.run_verdict import (
@@ -147,11 +148,14 @@ def test_a_short_run_has_windows_of_a_quarter_and_one_of_a_moment_has_none() -> 
 def test_only_the_samples_of_two_windows_are_kept() -> None:
     rules = VerdictRules(window_s=1.0)
     newest = samples_judged(rules, 60.0, 0.01)
-    figures = RunningFigures(newest=newest)
-    figures.add([(0.0, 0.0, float(value), 0.0, "") for value in sine(0.2)])
+    figures = RunningFigures(HeldRules(), newest)
+    for value in sine(0.2).tolist():
+        figures.add(0.0, 0.0, value, 0.0, "")
     assert len(figures.newest_m) == newest == 300
     moved = list(figures.newest_m), list(figures.newest_wheel_rad)
-    kept = judge(rules, *moved, RunEnd.COMPLETE, 0.0, peaks_of(sine(0.2)), 0.01, figures.samples)
+    kept = judge(
+        rules, *moved, RunEnd.COMPLETE, 0.0, peaks_of(sine(0.2)), 0.01, figures.held.samples
+    )
     assert kept == judged(sine(0.2), rules)
 
 

@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import LatencyModel
-from steer_by_wire.plant_emulator.network.latency_correlation import (
-    correlated_score,
-    uniform_of_score,
-)
 from steer_by_wire.plant_emulator.network.latency_distributions import (
     QUANTILES,
     RESOLUTION_S,
     Distribution,
+)
+from steer_by_wire.plant_emulator.network.latency_draw import (
+    correlated_score,
+    uniform_of_score,
 )
 
 U_MIN, U_MAX = 2.0**-54, 1.0 - 2.0**-53
