@@ -1,6 +1,6 @@
 """A .blf log of Vector's tools or python-can: objects, most of them packed in containers.
 
-An object that makes no sense is counted, and reading goes on at the next one, in bounded memory.
+Where objects make no sense, that counts once; reading goes on at the next, in bounded memory.
 """
 
 import struct
@@ -24,8 +24,6 @@ _BASE = blf.OBJ_HEADER_BASE_STRUCT
 _TIMES = struct.Struct("<L4xq")
 """Flags and time: before the start, in a recorder with a pre-trigger buffer, it is negative."""
 PADDING_MAX = 8
-_OBJECTS_LOST_MAX = 64
-"""More bytes than of so many objects are taken for one large one."""
 _TIME_UNIT_NS = {blf.TIME_TEN_MICS: 10_000}
 _ERROR_KINDS = {2, blf.CAN_ERROR_EXT, 104}
 _CLASSIC_KINDS = {blf.CAN_MESSAGE, blf.CAN_MESSAGE2}
@@ -65,8 +63,6 @@ class BlfLog(LogState):
             yield from self._frame(kind, content)
         if packed.left or self._whole_size > self._size:
             self.cut_off = f"{self._size} of its {max(self._whole_size, self._size + 1)} bytes"
-        for objects in (packed, self._unpacked):
-            objects.count_cut_off()
 
     def _frames_in(self, kind: int, content: bytes) -> Iterator[Logged]:
         """Yield the frames of an object of the file: many in a container, or its own."""
@@ -80,7 +76,7 @@ class BlfLog(LogState):
             self.count_unreadable(f"{len(content)} bytes in a container: {damage}")
             for inner in self._unpacked.end():
                 yield from self._frame(*inner)
-            self._unpacked = _Objects(self, is_begun=True)
+            self._unpacked = _Objects(self, is_counted=True)
 
     def _frame(self, kind: int, content: bytes) -> Iterator[Logged]:
         if kind not in _FRAME_KINDS:
@@ -152,36 +148,30 @@ def _unpack(content: bytes) -> tuple[bytes, str]:
 
 
 class _Objects:
-    """Finds the objects in bytes that come in pieces, and counts what is none.
+    """Finds the objects in bytes that come in pieces; what is none between two of them counts once.
 
     ``left``  the beginning of one that is not there yet
-
-    What lies between two beginnings and is no object may be several, whose beginnings are damaged:
-    as many as have a header like the newest object's, or as it would fit in between.
     """
 
-    def __init__(self, state: LogState, *, is_begun: bool = False) -> None:
-        """``is_begun``: the first bytes belong to an object whose beginning was counted."""
-        self._state, self._is_begun, self.left = state, is_begun, b""
-        self._lost, self._headers, self._why = 0, 0, ""
-        self._header, self._size = b"", SIZE_MAX
+    def __init__(self, state: LogState, *, is_counted: bool = False) -> None:
+        """``is_counted``: the first bytes belong to an object that was counted as unreadable."""
+        self._state, self._is_counted, self.left = state, is_counted, b""
+        self._why = ""
 
     def objects_in(self, piece: bytes, *, is_end: bool = False) -> Iterator[tuple[int, bytes]]:
         """Yield type and bytes of each object that is complete with this piece of the file."""
         data, place = self.left + piece, 0
         while (begin := data.find(_BEGIN, place)) >= 0:
-            if begin > place + PADDING_MAX or self._why:
-                self._lose(data[place:begin], "no object begins in {} bytes")
-            place, self._is_begun = begin, False
+            self._lose(begin - place)
+            place = begin
             if len(data) < begin + _BASE.size:
                 break
-            self._count_lost()
             _, _, _, size, kind = _BASE.unpack_from(data, begin)
             end = begin + size
             inside = data.find(_BEGIN, begin + len(_BEGIN), end)
             is_odd = inside >= 0 and (kind != blf.LOG_CONTAINER or (is_end and len(data) < end))
             if is_odd or not _BASE.size <= size <= SIZE_MAX:
-                self._lose(_BEGIN, f"an object of type {kind} is not {size} bytes long")
+                self._why = self._why or f"an object of type {kind} is not {size} bytes long"
                 place = begin + len(_BEGIN)
                 continue
             follows = end + PADDING_MAX + len(_BEGIN)
@@ -189,49 +179,33 @@ class _Objects:
                 break
             if inside >= 0 and _BEGIN not in data[end:follows]:
                 end = inside  # of a container that claims more than it has
-            if kind != blf.LOG_CONTAINER:
-                self._header = data[begin + len(_BEGIN) : begin + _BASE.size]
-                self._size = end - begin
+            self._count_lost()
             yield kind, data[begin:end]
             place = end
         else:
+            self._lose(len(data) - place)
             if len(data) > place + PADDING_MAX:
-                lost_end = len(data) - (0 if is_end else len(_BEGIN) - 1)
-                self._lose(data[place:lost_end], "no object begins in {} bytes")
-                place = lost_end
-            elif is_end:
-                place = len(data)
+                place = len(data) - len(_BEGIN) + 1
+            place = len(data) if is_end else place
         self.left = data[place:]
 
     def end(self) -> Iterator[tuple[int, bytes]]:
         """Yield what is there at the end; of a container that is cut off, its beginning."""
         yield from self.objects_in(b"", is_end=True)
+        is_container = len(self.left) >= _BASE.size and (
+            _BASE.unpack_from(self.left)[4] == blf.LOG_CONTAINER
+        )
+        if self.left and not is_container:
+            self._why = self._why or "the last object has no end"
         self._count_lost()
-        if self._is_container():
+        if is_container:
             yield blf.LOG_CONTAINER, self.left
 
-    def count_cut_off(self) -> None:
-        """Count an object without an end, but for a container, whose beginning has been read."""
-        if self.left and not self._is_begun and not self._is_container():
-            self._state.count_unreadable("the last object has no end")
-
-    def _is_container(self) -> bool:
-        is_known = len(self.left) >= _BASE.size
-        return is_known and _BASE.unpack_from(self.left)[4] == blf.LOG_CONTAINER
-
-    def _lose(self, lost: bytes, why: str) -> None:
-        if not self._is_begun:
-            headers = lost.count(self._header) if self._header else 0
-            if headers and not self._headers and self._lost + lost.find(self._header) > _BASE.size:
-                headers += 1  # the first is damaged
-            self._headers += headers
-            self._lost += len(lost)
-            self._why = self._why or why.format(len(lost))
+    def _lose(self, size: int) -> None:
+        if size > PADDING_MAX:
+            self._why = self._why or f"no object begins in {size} bytes"
 
     def _count_lost(self) -> None:
-        """Count what was lost up to the beginning of the next object."""
-        fit = round(self._lost / self._size)
-        several = max(self._headers, fit if fit <= _OBJECTS_LOST_MAX else 1, 1)
-        for _ in range(several if self._why else 0):
+        if self._why and not self._is_counted:
             self._state.count_unreadable(self._why)
-        self._lost, self._headers, self._why = 0, 0, ""
+        self._why, self._is_counted = "", False

@@ -1,4 +1,4 @@
-"""A log file, by its suffix: .asc, .blf, .csv, .mf4, .trc; each other is candump's or BUSMASTER's.
+"""A log file, by its suffix: .asc, .blf, .csv, .mf4, .trc; each other is what candump has printed.
 
 What cannot be read is counted and costs nothing else. A killed writer leaves a last line without
 its line end. That line is dropped: half a payload would read as a whole frame of a wrong length.
@@ -13,7 +13,7 @@ from .blf_log import BlfLog
 from .candump_text import candump_reader
 from .log_state import LogError, Logged, LogState, NoFrameError, TextLines
 from .mf4_log import Mf4Log
-from .text_formats import BEGIN, READERS, BusmasterReader, TrcReader
+from .text_formats import READERS, TrcReader
 
 _COMMENTS = ("#", ";", "//")
 LINES_MAX = 1_000_000
@@ -70,13 +70,12 @@ def open_log(path: Path) -> LogFile:
         lines = TextLines(path)
     except (OSError, EOFError) as error:
         raise LogError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
-    return LogFile(lines, _text_frames(lines, READERS[inner]() if inner in READERS else None))
+    return LogFile(lines, _text_frames(lines, READERS.get(inner, candump_reader)()))
 
 
-def _text_frames(lines: TextLines, read: Callable[[str], Logged | None] | None) -> Iterator[Logged]:
-    """Yield the frames of a text; without a reader for it, of what candump has printed."""
+def _text_frames(lines: TextLines, read: Callable[[str], Logged | None]) -> Iterator[Logged]:
+    """Yield the frames of a text."""
     is_trc = isinstance(read, TrcReader)  # its header is in such lines
-    read = read or (BusmasterReader() if lines.begins_with(BEGIN) else candump_reader())
     has_frames = False
     for line in lines:
         if lines.number > LINES_MAX and not has_frames:

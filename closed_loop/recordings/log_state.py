@@ -2,7 +2,6 @@
 
 import gzip
 import io
-from collections import deque
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -94,7 +93,6 @@ class TextLines(LogState):
         super().__init__(path)
         self.number = 0
         self.has_end = True
-        self._again: deque[str] = deque()
         try:
             file = gzip.GzipFile(fileobj=self._raw) if path.suffix == ".gz" else self._raw
             encoding = encoding_of(file.peek(3))
@@ -107,7 +105,7 @@ class TextLines(LogState):
         return self
 
     def __next__(self) -> str:
-        line = self._again.popleft() if self._again else self._file.readline(LINE_LENGTH_MAX)
+        line = self._file.readline(LINE_LENGTH_MAX)
         if not line:
             raise StopIteration
         self.number += 1
@@ -116,18 +114,6 @@ class TextLines(LogState):
             self.count_unreadable(f"no text: a line of more than {LINE_LENGTH_MAX} characters")
             raise StopIteration
         return line
-
-    def begins_with(self, text: str) -> bool:
-        """Whether the next line begins so; it is still the next one."""
-        for line in self:
-            self.put_back([line])
-            return line.startswith(text)
-        return False
-
-    def put_back(self, lines: list[str]) -> None:
-        """Put the newest ``lines`` back before those that are left."""
-        self._again.extendleft(reversed(lines))
-        self.number -= len(lines)
 
     def count_unreadable(self, why: str) -> None:
         """Count the line that was read last."""

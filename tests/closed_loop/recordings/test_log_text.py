@@ -38,20 +38,6 @@ LINES: dict[str, tuple[str, str, Callable[[int], str]]] = {
         ASC.format(kind="absolute", events=EVENTS),
         lambda n: f"{n * 0.01} CANFD 1 Rx {0x100 + n:X} NAME 1 0 8 8 {payload(n)} 120 130 303000 A",
     ),
-    "busmaster.log": (
-        ".log",
-        "***BUSMASTER Ver 3.2.2***\n***HEX***\n***SYSTEM MODE***\n",
-        lambda n: (
-            f"23:59:59:{9000 + 100 * n} Rx 1 0x{0x100 + n:X} s 8 {payload(n)} "
-            if n < 10
-            else f"00:00:00:{100 * (n - 10):04} Tx 1 0x{0x100 + n:X} s 8 {payload(n)} "
-        ),
-    ),
-    "busmaster, decimal and relative": (
-        ".log",
-        "***BUSMASTER Ver 3.2.2***\n***DEC***\n***RELATIVE MODE***\n",
-        lambda n: f"00:00:00:0100 Rx 1 {0x100 + n} s 8 " + " ".join([f"{n:03}"] * 8),
-    ),
     "1.0.trc": (
         ".trc",
         "; by hand\n",
