@@ -16,7 +16,7 @@ from ...controller.analysis.check_figures import check_figures, loop_response
 from ...controller.analysis.check_verdict import CheckVerdict, found_in
 from ...controller.analysis.sampled_loop import StabilityMargins
 from ...controller.law_interface import Law
-from ...controller.settings import ControllerSettings, shared_vehicle
+from ...controller.settings import ControllerSettings
 from ...runtime.array_types import ComplexArray, FloatArray
 from .simulate import NO_OVERRIDES, settings_of
 
@@ -75,7 +75,6 @@ def check(
     Arguments are as for ``simulate``; overrides are named ``table.key``. Raises SettingsError.
     """
     values = {**overrides, **({} if law is None else {"law": law})}
-    shared = shared_vehicle(None if vehicle is None else Path(vehicle))
-    settings = settings_of(ControllerSettings, controller, values, shared)
+    settings = settings_of(ControllerSettings, controller, values, vehicle)
     figures = check_figures(settings, lambda _what: None)
     return Check(*found_in(figures), settings, figures)

@@ -8,7 +8,7 @@
 '46.7 mm'
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeVar, get_args
@@ -45,14 +45,16 @@ from .simulated_run import ControllerTable, HandWheelTable, PlantTable, Run
 Engine = Literal["virtual", "compiled"]
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
 
-_SIDES: Mapping[type[Settings], tuple[str, str]] = MappingProxyType(
-    {
-        PlantSettings: ("plant", PLANT_PRESETS),
-        ControllerSettings: ("controller", CONTROLLER_PRESETS),
-        HandWheelSettings: ("hand_wheel", HAND_WHEEL_PRESETS),
-    }
+_SIDES: Mapping[type[Settings], tuple[str, str, Callable[[Path], SharedTable | None]]] = (
+    MappingProxyType(
+        {
+            PlantSettings: ("plant", PLANT_PRESETS, plant_vehicle),
+            ControllerSettings: ("controller", CONTROLLER_PRESETS, nominal_vehicle),
+            HandWheelSettings: ("hand_wheel", HAND_WHEEL_PRESETS, lambda _file: None),
+        }
+    )
 )
-"""What the settings of each side are called, and the package with its presets."""
+"""Name of each side's settings, package with its presets, and its table in a vehicle's file."""
 
 _DOWNLINK = "plant.latency.downlink"
 SHORT: Mapping[str, str] = MappingProxyType(
@@ -143,18 +145,13 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
         "latency_s": latency_s,
         "jitter_s": jitter_s,
         "loss": loss,
-        "latencies": listed(latencies),
+        "latencies": latencies,
     }
-    given = {**overrides, **{SHORT[key]: it for key, it in own.items() if it is not None}}
-    if jitter_s:
-        given |= GAMMA
-    values = by_side(given, hand_wheel is not None)
-    file = None if vehicle is None else Path(vehicle)
-    of_plant, of_controller = plant_vehicle(file), nominal_vehicle(file)
-    drives = settings_of(ControllerSettings, controller, values["controller"], of_controller)
-    driven = settings_of(PlantSettings, plant, values["plant"], of_plant)
-    if jitter_s and never_varies(driven.latency.downlink):
-        raise SettingsError(f"jitter_s = {jitter_s:g}: needs a latency_s around which it varies")
+    values = by_side(own, overrides, hand_wheel is not None)
+    drives = settings_of(ControllerSettings, controller, values["controller"], vehicle)
+    driven = settings_of(PlantSettings, plant, values["plant"], vehicle)
+    refuse_jitter_around_nothing(jitter_s, driven)
+    wire = bus_of(bus, engine)
     warnings = tuple(pair_warnings(driven, drives))
     drives, wheel = with_period_of(driven, drives), None
     if hand_wheel is not None:
@@ -162,35 +159,36 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
             raise SettingsError("hand_wheel: compiled runs have none")
         wheel = settings_of(HandWheelSettings, hand_wheel, values["hand_wheel"])
         driven, drives, wheel = with_hand_wheel(driven, drives, wheel)
-    if engine not in get_args(Engine):
-        known = ", ".join(get_args(Engine))
-        raise SettingsError(f"engine = {engine!r} is not a known one (allowed: {known})")
     if engine == "virtual":
-        run = _run_virtual(driven, drives, wheel, None if bus is None else _bus_settings(bus))
-        return run._replace(pair_warnings=warnings)
-    if bus is not None:
-        raise SettingsError("bus: in a compiled run frames take no time on the wire")
-    return _run_compiled(driven, drives)._replace(pair_warnings=warnings)
+        run = _run_virtual(driven, drives, wheel, wire)
+    else:
+        run = _run_compiled(driven, drives)
+    return run._replace(pair_warnings=warnings)
 
 
-def listed(latencies: Sequence[float] | FloatArray | None) -> list[float] | None:
-    """Return latencies as the settings take them; SettingsError where there is none."""
-    if latencies is None:
-        return None
-    if not len(latencies):
-        raise SettingsError("latencies: holds none (allowed: one latency in seconds or more)")
-    return [float(latency_s) for latency_s in latencies]
+def refuse_jitter_around_nothing(jitter_s: float | None, plant: PlantSettings) -> None:
+    """Raise SettingsError for a jitter of commands that have no latency."""
+    if jitter_s and never_varies(plant.latency.downlink):
+        raise SettingsError(f"jitter_s = {jitter_s:g}: needs a latency_s around which it varies")
 
 
 def by_side(
-    overrides: Mapping[str, Any], has_hand_wheel: bool = False
+    own: Mapping[str, Any], overrides: Mapping[str, Any], has_hand_wheel: bool = False
 ) -> dict[str, dict[str, Any]]:
-    """Return overrides by side: plant, controller, hand wheel; SettingsError for other keys."""
+    """Return values by side, plant, controller and hand wheel; SettingsError for other keys.
+
+    ``own``  by the names in ``SHORT``; None for those that are not given
+    """
+    named = {SHORT[key]: value for key, value in own.items() if value is not None}
+    listed = own.get("latencies")
+    if listed is not None and not len(listed):
+        raise SettingsError("latencies: holds none (allowed: one latency in seconds or more)")
+    varied = GAMMA if own.get("jitter_s") else {}
     values: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}}
     if has_hand_wheel:
         values["hand_wheel"] = {}
-    for key, value in overrides.items():
-        side, _, name = key.partition(".")
+    for key, value in {**overrides, **named, **varied}.items():
+        side, _, name = SHORT.get(key, key).partition(".")
         if side not in values or not name:
             known = " nor ".join(f"{each}." for each in values)
             raise SettingsError(f"overrides: key {key} starts with neither {known}")
@@ -202,18 +200,19 @@ def settings_of(
     model: type[S],
     given: str | Path | S,
     values: Mapping[str, Any],
-    shared: SharedTable | None = None,
+    vehicle: str | Path | None = None,
     context: Mapping[str, Any] | None = None,
 ) -> S:
     """Return the settings of one side, plant or controller, as ``simulate`` takes them.
 
     ``values``  overrides, by ``table.key``; a part stands for its place
-    ``shared``  table of the vehicle's file, in place of the same of a preset or file
+    ``vehicle``  file whose vehicle takes the place of that of a preset or file
     ``context`` for validators, as that of ``load_settings``
 
     Raises SettingsError.
     """
-    side, presets = _SIDES[model]
+    side, presets, table_of = _SIDES[model]
+    shared = None if vehicle is None else table_of(Path(vehicle))
     if isinstance(given, model):
         if shared is not None:
             raise SettingsError(f"vehicle and {side} of type {model.__name__}: give one of the two")
@@ -235,8 +234,16 @@ def settings_of(
     return with_values(settings, placed, where, context) if values else settings
 
 
-def _bus_settings(given: str | Path | Mapping[str, Any] | BusSettings) -> BusSettings:
-    if isinstance(given, BusSettings):
+def bus_of(
+    given: str | Path | Mapping[str, Any] | BusSettings | None, engine: str
+) -> BusSettings | None:
+    """Return the bus of a run; raises SettingsError for one that the engine has not."""
+    if engine not in get_args(Engine):
+        known = ", ".join(get_args(Engine))
+        raise SettingsError(f"engine = {engine!r} is not a known one (allowed: {known})")
+    if given is not None and engine == "compiled":
+        raise SettingsError("bus: in a compiled run frames take no time on the wire")
+    if given is None or isinstance(given, BusSettings):
         return given
     if isinstance(given, Mapping):
         return with_values(BusSettings(), given, "bus")

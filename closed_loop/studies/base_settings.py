@@ -94,6 +94,11 @@ def _checked(
                 for line in error.mistakes
             )
         ) from error
+    return tables_of(settings)
+
+
+def tables_of(settings: Settings) -> Tables:
+    """Return settings as tables, with all keys that have a value."""
     dumped: dict[str, Any] = settings.model_dump(mode="json", exclude_none=True)
     return dumped
 

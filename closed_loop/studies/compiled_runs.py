@@ -19,6 +19,7 @@ from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from ..compiled.engine import CompiledRun, Outcome, run_compiled
 from ..compiled.schedule import NothingArrivesError, RunSchedule, schedule_run
+from ..pair.agreed_period import with_period_of
 from .compiled_figures import (
     COLUMNS,
     COUNTS,
@@ -120,10 +121,11 @@ class Computer:
             if plant is None or own is not case:
                 case, plant = own, scenarios.plant(own)
             try:
-                if scenarios.study.bus is None:
-                    end = self.one(plant, scenarios.controller(case, name), figures[done])
-                else:
+                if scenarios.study.on_nodes:
                     end = self.run(scenarios.checked(case, name), figures[done])
+                else:
+                    controller = with_period_of(plant, scenarios.controller(case, name))
+                    end = self.one(plant, controller, figures[done])
             except SettingsError as error:
                 raise SettingsError(*(f"run {run}: {line}" for line in error.mistakes)) from error
             except Exception as error:
@@ -134,11 +136,12 @@ class Computer:
         return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
 
     def run(self, pair: Pair, row: FloatArray) -> RunEnd:
-        """Write the results of one run into ``row``: compiled, or over its bus by the nodes."""
-        if pair.bus is None:
-            end = self.one(pair.plant, pair.controller, row)
+        """Write the results of one run into ``row``: compiled, or by the nodes."""
+        study = self.scenarios.study
+        if study.on_nodes:
+            end = run_on_nodes(pair, study.settings.verdict, row)
         else:
-            end = run_on_nodes(pair, pair.bus, self.scenarios.study.settings.verdict, row)
+            end = self.one(pair.plant, pair.controller, row)
         return end_of(end, row[_DURATION])
 
     def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:

@@ -54,6 +54,11 @@ class Factor(NamedTuple):
     levels: tuple[Level, ...] | None
     quantile: Callable[[float], float] | None
 
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """Of its levels; none where its values are drawn."""
+        return tuple(level.label for level in self.levels or ())
+
     def sets(self, *places: str) -> bool:
         """Whether a key of it begins with one of these."""
         return any(key.startswith(places) for key in self.keys)

@@ -22,7 +22,6 @@ from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.quiet_bus import QuietBus
-from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.frame import Frame
 from ...runtime.node.virtual_time_loop import Wire
@@ -59,16 +58,13 @@ class Ran(NamedTuple):
     reactions: Reactions
 
 
-def run_on_nodes(
-    pair: Pair, bus: BusSettings | None, rules: VerdictRules, row: FloatArray
-) -> RunEnd:
+def run_on_nodes(pair: Pair, rules: VerdictRules, row: FloatArray) -> RunEnd:
     """Write the results of one run into ``row``, shape (len(COLUMNS),).
 
-    ``bus``  None is a wire that takes no time
-
-    The noise and the rest bus are drawn from the plant's seed. Raises SettingsError.
+    Without a bus the wire takes no time. The noise and the rest bus are drawn from the plant's
+    seed. Raises SettingsError.
     """
-    plant, controller, sent_on_bus_rad, reactions = _ran(pair, bus)
+    plant, controller, sent_on_bus_rad, reactions = _ran(pair)
     trace, report = Trace.of_node(plant), plant.report()
     if not len(trace.time_s) or not report["downlink"]["released"]:
         row[-len(COUNTS) :] = 0.0
@@ -134,7 +130,8 @@ def figures_of_trace(
     )
 
 
-def _ran(pair: Pair, bus: BusSettings | None) -> Ran:
+def _ran(pair: Pair) -> Ran:
+    bus = pair.bus
     if bus is None:
         return _ran_over(None, pair)
     if not (bus.has_traffic or bus.has_errors):

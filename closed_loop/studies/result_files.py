@@ -55,7 +55,7 @@ class Store:
         self._new: list[Computed] = []
         self._written_s = time.monotonic()
         self._schema = self._make_schema()
-        self._record = scenarios.study.identity.encode()
+        self._record = scenarios.study.record.encode()
 
     @property
     def results(self) -> Path:
@@ -74,10 +74,10 @@ class Store:
         ``text``  of the study file, kept with the results
         """
         refuse_another_run(self.folder, {})
-        identity = self.scenarios.study.identity
+        record = self.scenarios.study.record
         file = self.folder / STUDY
         if file.exists():
-            _refuse_another(self.folder, read_bytes(file), identity)
+            _refuse_another(self.folder, read_bytes(file), record)
         elif self.results.exists() or self._chunks.exists():
             raise SettingsError(
                 f"{self.folder}: holds results, but no {STUDY} that describes the study; "
@@ -86,7 +86,7 @@ class Store:
         self.folder.mkdir(parents=True, exist_ok=True)
         self._lock = _FolderLock(self.folder)
         # Before there is anything of it: what is killed in between can be continued.
-        write_text(file, identity)
+        write_text(file, record)
         write_text(self.folder / "study.toml", text)
         if self.is_complete:
             check(self.results, self._record)
@@ -153,8 +153,7 @@ class Store:
         fields = [(name, whole) for name in ("id", "point", "replicate", "seed")]
         fields += [("controller", text), ("law", text)]
         for factor in self.scenarios.study.design.factors:
-            labels = [level.label for level in factor.levels or ()]
-            fields.append((factor.name, real if are_numbers(labels) else text))
+            fields.append((factor.name, real if are_numbers(factor.labels) else text))
         fields += [("verdict", text), ("ended_by", text)]
         fields += [(name, whole if name in COUNTS else real) for name in COLUMNS]
         return arrow.schema([*fields, ("overrides", text)])

@@ -7,10 +7,8 @@ Only the requested columns are read, and texts as places in a list: a hundred th
 few tens of megabytes.
 """
 
-import json
-import math
+import tomllib
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,58 +19,19 @@ from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.input_file import read_bytes
 from ...runtime.settings import SettingsError
-from .compiled_figures import COLUMNS
 from .result_files import RESULTS, STUDY
 from .row_file import check, read_table
+from .study import Study, study_of_record
 from .study_file import ReportSettings
 
 VERDICTS = tuple(Verdict)
 HOLDS = VERDICTS.index(Verdict.HOLDS)
 
 
-class FactorRecord(NamedTuple):
-    """A factor of the study; ``labels`` are empty where its values are drawn."""
-
-    name: str
-    keys: tuple[str, ...]
-    labels: tuple[Any, ...]
-
-
-class StudyRecord(NamedTuple):
-    """The settings from which the results follow.
-
-    ``content``  of study.json
-    ``runs``     of the complete study
-    """
-
-    folder: Path
-    content: bytes
-    name: str
-    title: str
-    report: ReportSettings
-    plant: Mapping[str, Any]
-    controllers: Mapping[str, Mapping[str, Any]]
-    sampling: Mapping[str, Any]
-    verdict: Mapping[str, Any]
-    factors: tuple[FactorRecord, ...]
-    runs: int
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The controllers, in the order of the study."""
-        return tuple(self.controllers)
-
-    @property
-    def reference(self) -> int:
-        """The place of the controller that others are compared with: the first plain PD."""
-        laws = [str(tables["law"]) for tables in self.controllers.values()]
-        return laws.index("pd") if "pd" in laws else 0
-
-
 class Rows(NamedTuple):
     """Columns of the results, one element a run; ``factors`` are numbers or places in a list.
 
-    ``controller``, ``verdict``  places in ``StudyRecord.names`` and in ``VERDICTS``
+    ``controller``, ``verdict``  places in ``Study.names`` and in ``VERDICTS``
     ``*rms_m``, ``*peak_m``      of the car
     ``case``                     the same for runs that differ in the controller only
     """
@@ -102,50 +61,29 @@ _FIGURES = Rows._fields[4:-1]
 """The columns that are read as they are."""
 
 
-def read_study(folder: Path) -> StudyRecord:
-    """Return the record of the results in a folder; raises SettingsError."""
+def read_results(folder: Path) -> tuple[Study, Rows]:
+    """Return the study whose results are in a folder, and the existing rows, sorted by id.
+
+    Raises SettingsError, also where there are no rows.
+    """
     file = folder / STUDY
     try:
-        content = read_bytes(file)
+        record = read_bytes(file)
     except OSError as error:
         raise SettingsError(
             f"{file}: cannot be read: {error.strerror}; give the folder of a study's results"
         ) from error
     for results in _files(folder):
-        check(results, content)  # after this the record is as it was written
-    record = json.loads(content)
-    if [record.get("version"), record.get("columns")] != [
-        version("steer-by-wire-emulator"),
-        list(COLUMNS),
-    ]:
-        raise SettingsError(f"{file}: is not the record of a study of this version")
-    factors = tuple(
-        FactorRecord(name, tuple(keys), tuple(labels)) for name, keys, labels in record["levels"]
-    )
-    sampling, controllers = record["sampling"], record["controllers"]
-    points = sampling["count"] or math.prod(len(factor.labels) for factor in factors)
-    return StudyRecord(
-        folder,
-        content,
-        record["name"],
-        *_presentation(folder),
-        record["plant"],
-        controllers,
-        sampling,
-        record["verdict"],
-        factors,
-        runs=points * sampling["replicates"] * len(controllers),
-    )
-
-
-def read_rows(study: StudyRecord) -> Rows:
-    """Return the columns of the existing rows, sorted by id; raises SettingsError for none."""
+        check(results, record)  # after this the record is as it was written
+    study = study_of_record(str(file), record)
+    study = study._replace(settings=study.settings.model_copy(update=_presentation(folder)))
     factors = [factor.name for factor in study.factors]
-    table = _table(study, ["id", "controller", "verdict", *_FIGURES, *factors])
+    names = ["id", "controller", "verdict", *_FIGURES, *factors]
+    table = _table([read_table(each, record, names) for each in _files(folder)], names)
     run = table["id"]
     if not len(run):
-        raise SettingsError(f"{study.folder}: holds no results yet")
-    return Rows(
+        raise SettingsError(f"{folder}: holds no results yet")
+    rows = Rows(
         id=run,
         case=run // len(study.names),
         controller=_places(table["controller"], study.names),
@@ -153,13 +91,13 @@ def read_rows(study: StudyRecord) -> Rows:
         **{name: table[name] for name in _FIGURES},
         factors={name: table[name] for name in factors},
     )
+    return study, rows
 
 
-def _table(study: StudyRecord, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+def _table(tables: Sequence[Any], names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """Return columns as arrays, sorted by id; texts as objects that share their strings."""
     import pyarrow as pa
 
-    tables = [read_table(file, study.content, names) for file in _files(study.folder)]
     table = pa.concat_tables(tables).sort_by("id")
     arrays: dict[str, NDArray[Any]] = {}
     for name in names:
@@ -186,13 +124,11 @@ def _places(words: NDArray[Any], known: Sequence[str]) -> IntArray:
     return np.array([place[word] for word in words.tolist()], dtype=np.int64)
 
 
-def _presentation(folder: Path) -> tuple[str, ReportSettings]:
+def _presentation(folder: Path) -> dict[str, Any]:
     """Return what the report takes from the study file and no result depends on."""
-    import tomllib
-
     try:
         content = tomllib.loads(read_bytes(folder / "study.toml").decode())
         report = ReportSettings.model_validate(content.get("report", {}))
-        return str(content.get("title", "")), report
+        return {"title": str(content.get("title", "")), "report": report}
     except (OSError, ValueError, RecursionError):
-        return "", ReportSettings()
+        return {}

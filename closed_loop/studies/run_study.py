@@ -8,13 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...controller.law_interface import Law
+from ...controller.settings import ControllerSettings
+from ...hand_wheel.settings import HandWheelSettings
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
+from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import SettingsError, with_values
 from ...runtime.settings.plugin import by_place
-from ..scripting.simulate import GAMMA, NO_OVERRIDES, SHORT, by_side, listed
+from ..scripting.simulate import (
+    GAMMA,
+    NO_OVERRIDES,
+    SHORT,
+    Engine,
+    bus_of,
+    by_side,
+    refuse_jitter_around_nothing,
+    settings_of,
+)
+from .base_settings import tables_of
 from .compiled_runs import Computer
 from .result_files import Store, columns_of
 from .scenario import Scenarios
-from .study import COLUMNS_TAKEN, Study, load_study, make_study
+from .study import COLUMNS_TAKEN, Study, load_study, study_of
 from .study_file import BaseSettings, StudySettings
 from .workers import Block, ShouldStop, Workers
 
@@ -35,7 +50,7 @@ def run_missing(
     if store.is_complete:
         return True
     try:
-        block_runs = BLOCK_RUNS if store.scenarios.study.bus is None else 1
+        block_runs = 1 if store.scenarios.study.on_nodes else BLOCK_RUNS
         for computed in workers.compute(_blocks(store.missing(), block_runs), should_stop):
             if len(computed.ids):
                 store.put(computed)
@@ -66,8 +81,9 @@ def run_study(file: str | Path) -> Mapping[str, NDArray[Any]]:
 def sweep(
     over: Mapping[str, Sequence[Any] | NDArray[Any]],
     *,
-    plant: str | Path = "paper_nominal",
-    controller: str | Path = "practical_pd_ddob",
+    plant: str | Path | PlantSettings = "paper_nominal",
+    controller: str | Path | ControllerSettings = "practical_pd_ddob",
+    hand_wheel: str | Path | HandWheelSettings | None = None,
     vehicle: str | Path | None = None,
     replicates: int = 1,
     seed: int = 1,
@@ -76,59 +92,86 @@ def sweep(
     latency_s: float | None = None,
     jitter_s: float | None = None,
     loss: float | None = None,
-    latencies: Sequence[float] | NDArray[Any] | None = None,
+    latencies: Sequence[float] | FloatArray | None = None,
     overrides: Mapping[str, Any] = NO_OVERRIDES,
+    engine: Engine | None = None,
+    bus: str | Path | Mapping[str, Any] | BusSettings | None = None,
 ) -> Mapping[str, NDArray[Any]]:
     """Run every combination of values; returns columns of shape (runs,) as ``run_study``.
 
     ``over``         values by an argument of ``simulate``, as latency_s or controller, or by
-                     ``plant.table.key`` or ``controller.table.key``; the last part of the name
+                     ``plant.table.key``, ``controller.`` or ``bus.``; the last part of the name
                      names the column, or all of it, as plant_duration_s, where that name is taken
     ``replicates``   runs of each combination, each with its own seed from ``seed``
     ``overrides``    other settings, named as in ``over``
+    ``engine``       None: compiled, or virtual with a bus
 
-    The other arguments are as for ``simulate``. ``pandas.DataFrame(sweep(...))`` is a frame.
-    Raises SettingsError.
+    The other arguments are as for ``simulate``, but no run of a sweep has a hand wheel.
+    ``pandas.DataFrame(sweep(...))`` is a frame. Raises SettingsError.
 
     >>> table = sweep({"latency_s": [0.0, 0.1]}, duration_s=5.0)
     >>> [f"{1e3 * rms_m:.1f} mm" for rms_m in table["rms_m"]]
     ['46.4 mm', '46.8 mm']
     """
+    if hand_wheel is not None:
+        raise SettingsError("sweep: hand_wheel: no run of a sweep has one; take simulate")
+    factors = {key: list(values) for key, values in over.items() if key != "controller"}
+    for key in ("plant", "vehicle", "bus"):
+        if key in factors:
+            raise SettingsError(f"sweep over {key}: takes one; sweep over keys, as {key}.table.key")
+    has_bus = bus is not None or any(key.startswith("bus.") for key in factors)
+    engine = engine or ("virtual" if has_bus else "compiled")
+    wire = bus_of({} if has_bus and bus is None else bus, engine)
     own = {
         "duration_s": duration_s,
         "law": law,
         "latency_s": latency_s,
         "jitter_s": jitter_s,
         "loss": loss,
-        "latencies": listed(latencies),
+        "latencies": latencies,
     }
-    given = {**overrides, **{key: value for key, value in own.items() if value is not None}}
-    factors = {key: list(values) for key, values in over.items() if key != "controller"}
-    for key in ("plant", "vehicle"):
-        if key in factors:
-            raise SettingsError(f"sweep over {key}: takes one; sweep over keys, as {key}.table.key")
-    fixed = {SHORT.get(key, key): value for key, value in given.items()}
-    if "jitter_s" in {*factors, *given}:
-        fixed |= GAMMA
-    is_file = isinstance(plant, Path) or plant.endswith(".toml")
-    try:
-        placed = by_place(fixed)
-    except ValueError as error:
-        raise SettingsError(f"sweep: {error}") from error
-    base = BaseSettings(
-        plant_preset=None if is_file else str(plant),
-        plant_file=Path(plant) if is_file else None,
-        vehicle=None if vehicle is None else Path(vehicle),
-        controllers=tuple(map(str, over.get("controller", (controller,)))),
-        **by_side(placed),
-    )
+    if "jitter_s" in factors:
+        overrides = {**overrides, **GAMMA}
+    values = by_side(own, overrides)
+    driven = settings_of(PlantSettings, plant, values["plant"], vehicle)
+    refuse_jitter_around_nothing(jitter_s, driven)
+    controllers = list(over.get("controller", [controller]))
+    names, own_values = _names(controllers), values["controller"]
+    driving = [settings_of(ControllerSettings, one, own_values, vehicle) for one in controllers]
     rows = [
-        {"key": SHORT.get(key, key), "name": _column(key, factors), "values": values}
+        {"key": SHORT.get(key, key), "name": _column(key, factors), "values": _placed(values)}
         for key, values in factors.items()
     ]
-    varied = {"factors": rows, "sampling": {"replicates": replicates, "seed": seed}}
-    settings = with_values(StudySettings(base=base), varied, "sweep")
-    return _computed(make_study(settings, "sweep", Path()))
+    varied = {"base.controllers": names, "factors": rows}
+    varied |= {"sampling": {"replicates": replicates, "seed": seed}}
+    settings = with_values(StudySettings(base=BaseSettings(controllers=("one",))), varied, "sweep")
+    study = study_of(
+        settings,
+        "sweep",
+        tables_of(driven),
+        dict(zip(names, map(tables_of, driving), strict=True)),
+        None if wire is None else tables_of(wire),
+        on_nodes=engine == "virtual",
+    )
+    return _computed(study)
+
+
+def _names(controllers: Sequence[Any]) -> list[str]:
+    """Return a name for each controller: of its preset or file, or of its law and place."""
+    laws = [one.law for one in controllers if isinstance(one, ControllerSettings)]
+    return [
+        str(one)
+        if not isinstance(one, ControllerSettings)
+        else one.law + f" {place}" * (laws.count(one.law) > 1)
+        for place, one in enumerate(controllers, start=1)
+    ]
+
+
+def _placed(values: Sequence[Any]) -> list[Any]:
+    try:
+        return list(map(by_place, values))
+    except ValueError as error:
+        raise SettingsError(f"sweep: {error}") from error
 
 
 def _column(key: str, over: Iterable[str]) -> str:

@@ -133,9 +133,7 @@ class Scenarios:
         """Return the settings of a run by its id, checked strictly; raises SettingsError."""
         index, place = divmod(run, len(self.controllers))
         name = self.controllers[place]
-        pair = self.checked(self.with_controller(self.case(index), name), name)
-        controller = with_period_of(pair.plant, pair.controller)
-        return pair.model_copy(update={"controller": controller})
+        return self.checked(self.with_controller(self.case(index), name), name)
 
     def checked(self, case: Case, name: str) -> Pair:
         """Return the settings of a case, with types checked as strictly as in a settings file."""
@@ -144,7 +142,10 @@ class Scenarios:
         command = study.commands.get(name, ())
         tables = pair_tables(*given, command, study.dialect, case.overrides)
         try:
-            return Pair.model_validate_json(json.dumps(tables), strict=True, context=self._naming)
+            text = json.dumps(tables)
+            pair = Pair.model_validate_json(text, strict=True, context=self._naming)
+            controller = with_period_of(pair.plant, pair.controller)
+            return pair.model_copy(update={"controller": controller})
         except ValidationError as error:
             sources: dict[KeyPath, str] = {(): f"{self.study.file}: base"}
             for factor in self.study.design.factors:
@@ -172,7 +173,7 @@ class Scenarios:
                 seen.add(case.point)
                 plant = self.plant(case)
                 self.shortest_s = min(self.shortest_s, plant.duration_s)
-                if self.study.bus is not None:
+                if self.study.on_nodes:
                     self.checked(case, self.controllers[0])
                 for name in self.controllers:
                     own = plant

@@ -40,8 +40,9 @@ class Study(NamedTuple):
     ``file``         the study file, for messages
     ``plant``        tables of the plant that every run starts from
     ``controllers``  tables of each controller, by its name in the study file
-    ``bus``          tables of the bus on which the nodes run; None for compiled runs
+    ``bus``          tables of the bus on which the nodes run; None for a wire that takes no time
     ``dialect``      file of the car whose messages are on it; empty for our own
+    ``on_nodes``     whether the nodes themselves run, as always on a bus, and not compiled code
     """
 
     file: str
@@ -51,6 +52,17 @@ class Study(NamedTuple):
     design: Design
     bus: Tables | None = None
     dialect: str = ""
+    on_nodes: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The controllers, in the order of the runs."""
+        return tuple(self.controllers)
+
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        """The factors, in the order in which a grid varies them."""
+        return self.design.factors
 
     @property
     def cases(self) -> int:
@@ -76,36 +88,55 @@ class Study(NamedTuple):
         return {name: one.command for name, one in variants.items() if one.command}
 
     @property
-    def identity(self) -> str:
+    def record(self) -> str:
         """All that determines the results, as JSON; equal for equal studies."""
         databases = [self.bus or {}]
         databases += [{"file": str(file)} for file in read_language(self.dialect).files]
         programs = [{"file": word} for words in self.commands.values() for word in words]
         tables = [self.plant, *self.plant_of.values(), *self.controllers.values()]
         named = named_files([*tables, *_values(self.design), *databases, *programs])
-        files = {name: digest(file) for name, file in named.items()}
-        return json.dumps(
-            {
-                "version": version("steer-by-wire-emulator"),
-                "name": self.settings.name,
-                "factors": self.settings.model_dump(mode="json")["factors"],
-                "sampling": self.settings.sampling.model_dump(mode="json"),
-                "verdict": self.settings.verdict.model_dump(mode="json"),
-                "plant": self.plant,
-                "controllers": self.controllers,
-                "columns": COLUMNS,
-                "levels": [
-                    [factor.name, list(factor.keys), [level.label for level in factor.levels or ()]]
-                    for factor in self.design.factors
-                ],
-            }
-            | ({"files": files} if files else {})
-            | ({"plant_of": self.plant_of} if self.plant_of else {})
-            | ({"commands": self.commands} if self.commands else {})
-            | ({} if self.bus is None else {"bus": self.bus})
-            | ({"dialect": self.dialect} if self.dialect else {}),
-            indent=1,
+        settings = self.settings.model_dump(
+            mode="json", exclude_none=True, exclude={"title", "report"}
         )
+        record = {
+            "version": version("steer-by-wire-emulator"),
+            **settings,
+            "plant": self.plant,
+            "controllers": self.controllers,
+            "columns": COLUMNS,
+            "files": {name: digest(file) for name, file in named.items()},
+            "bus": self.bus,
+            "dialect": self.dialect,
+        }
+        return json.dumps(record, indent=1)
+
+
+def study_of_record(file: str, record: str | bytes) -> Study:
+    """Return the study that left a record; raises SettingsError for one of another version."""
+    given = json.loads(record)
+    made_by = given.get("version"), given.get("columns")
+    if made_by != (version("steer-by-wire-emulator"), [*COLUMNS]):
+        raise SettingsError(f"{file}: is not the record of a study of this version")
+    of_file = {key: given[key] for key in StudySettings.model_fields if key in given}
+    settings = StudySettings.model_validate_json(json.dumps(of_file))
+    tables = given["plant"], given["controllers"], given["bus"]
+    return study_of(settings, file, *tables, given["dialect"])
+
+
+def study_of(
+    settings: StudySettings,
+    file: str,
+    plant: Tables,
+    controllers: Mapping[str, Tables],
+    bus: Tables | None = None,
+    dialect: str = "",
+    *,
+    on_nodes: bool = False,
+) -> Study:
+    """Return a study of settings whose tables are known; raises SettingsError."""
+    design = make_design(study_factors(settings, file), settings.sampling)
+    own = plant, controllers, design, bus, dialect, on_nodes or bus is not None
+    return Study(file, settings, *own)
 
 
 def load_study(file: Path) -> Study:
@@ -124,17 +155,14 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     factors = study_factors(settings, file)
     dialect = str(folder / settings.base.dialect) if settings.base.dialect else ""
     has_bus = settings.base.bus is not None or any(factor.sets("bus.") for factor in factors)
-    study = Study(
-        file=file,
-        settings=settings,
-        plant=plant_tables(settings.base, file, folder, naming(read_language(dialect))),
-        controllers={
-            name: controller_tables(settings.base, name, file, folder)
-            for name in settings.base.names
-        },
-        design=make_design(factors, settings.sampling),
-        bus=bus_tables(settings.base, file) if has_bus else None,
-        dialect=dialect,
+    base = settings.base
+    study = study_of(
+        settings,
+        file,
+        plant_tables(base, file, folder, naming(read_language(dialect))),
+        {name: controller_tables(base, name, file, folder) for name in base.names},
+        bus_tables(base, file) if has_bus else None,
+        dialect,
     )
     if study.bus is None:
         _refuse_without_bus(study)

@@ -1,57 +1,33 @@
 """Workers that compute the runs of a study: threads, or processes of this machine.
 
 Threads serve compiled runs, which do not hold the interpreter's lock; processes the others. A
-process is sent a study as text, makes the study from it, and keeps what runs share, as a thread
-does.
+process is sent the record of a study, makes the study from it, and keeps what runs share, as a
+thread does.
 """
 
-import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from functools import lru_cache, partial
 from itertools import islice
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ..processes.parallel_work import worker_pool
 from .compiled_runs import Computed, Computer
-from .factors import make_design
 from .scenario import Scenarios
-from .study import Study, study_factors
-from .study_file import StudySettings
+from .study import Study, study_of_record
 
 
-def compute_block(payload: str, ids: Sequence[int]) -> Computed:
-    """Compute runs of the study that ``payload_of`` has described."""
-    return _computer(payload).compute(ids, lambda: False)
+def compute_block(file: str, record: str, ids: Sequence[int]) -> Computed:
+    """Compute runs of the study of a record, which its ``file`` has in messages."""
+    return _computer(file, record).compute(ids, lambda: False)
 
 
 @lru_cache(maxsize=2)
-def _computer(payload: str) -> Computer:
-    study = json.loads(payload)
-    settings = StudySettings.model_validate_json(json.dumps(study["settings"]))
-    design = make_design(study_factors(settings, study["file"]), settings.sampling)
-    tables = study["plant"], study["controllers"]
-    made = Study(study["file"], settings, *tables, design, study["bus"])
-    made = made._replace(dialect=study["dialect"])
-    return Computer(Scenarios(made))
-
-
-def payload_of(study: Study) -> str:
-    """Return a study as text, from which another process makes it again."""
-    return json.dumps(
-        {
-            "file": str(Path(study.file).name),
-            "settings": study.settings.model_dump(mode="json", exclude_none=True),
-            "plant": study.plant,
-            "controllers": study.controllers,
-            "bus": study.bus,
-            "dialect": study.dialect,
-        }
-    )
+def _computer(file: str, record: str) -> Computer:
+    return Computer(Scenarios(study_of_record(file, record)))
 
 
 WAITING_PER_WORKER = 3
@@ -82,18 +58,22 @@ def thread_workers(scenarios: Scenarios, count: int) -> Workers:
     def compute(blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         task = partial(computer.compute, should_stop=should_stop)
         with ThreadPoolExecutor(count, thread_name_prefix="study") as pool:
-            yield from _completed(pool, task, count, blocks, should_stop)
+            yield from completed(pool, task, lambda: count, blocks, should_stop)
 
     return Workers(f"{count} thread{'s' if count > 1 else ''}", compute)
 
 
+def block_task(study: Study) -> Callable[[Block], Computed]:
+    """Return what computes a block of a study in another process."""
+    return partial(compute_block, study.file, study.record)
+
+
 def process_workers(study: Study, count: int) -> Workers:
     """Return processes of this machine; on a stop they finish the runs that they have begun."""
-    task = partial(compute_block, payload_of(study))
 
     def compute(blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         with worker_pool(count) as pool:
-            yield from _completed(pool, task, count, blocks, should_stop)
+            yield from completed(pool, block_task(study), lambda: count, blocks, should_stop)
 
     return Workers(f"{count} processes", compute)
 
@@ -101,19 +81,22 @@ def process_workers(study: Study, count: int) -> Workers:
 def local_workers(scenarios: Scenarios, count: int | None) -> Workers:
     """Return processes for runs over a bus, threads for others; by default one per processor."""
     count = min(count or os.cpu_count() or 1, scenarios.study.runs)
-    if scenarios.study.bus is not None and count > 1:
+    if scenarios.study.on_nodes and count > 1:
         return process_workers(scenarios.study, count)
     return thread_workers(scenarios, count)
 
 
-def _completed(
+def completed(
     pool: Executor,
     task: Callable[[Block], Computed],
-    count: int,
+    count: Callable[[], int],
     blocks: Iterable[Block],
     should_stop: ShouldStop,
 ) -> Iterator[Computed]:
-    """Yield what ``task`` makes of the blocks; raises its first error when the others are done."""
+    """Yield what ``task`` makes of the blocks; raises its first error when the others are done.
+
+    ``count``  returns how many workers there are
+    """
     source = iter(blocks)
     failed: list[BaseException] = []
     waiting: set[Future[Computed]] = set()
@@ -121,7 +104,7 @@ def _completed(
         if failed or should_stop():
             waiting = {future for future in waiting if not future.cancel()}
         else:
-            free = count * WAITING_PER_WORKER - len(waiting)
+            free = max(0, count() * WAITING_PER_WORKER - len(waiting))
             waiting |= {pool.submit(task, block) for block in islice(source, free)}
         if not waiting:
             break

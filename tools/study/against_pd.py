@@ -8,7 +8,8 @@ import math
 import numpy as np
 
 from ...closed_loop.reports.page import Cell, Section, Table, number
-from ...closed_loop.studies.result_reader import Rows, StudyRecord
+from ...closed_loop.studies.result_reader import Rows
+from ...closed_loop.studies.study import Study
 from ...runtime.array_types import FloatArray
 
 _HEADINGS = (
@@ -27,10 +28,12 @@ _HEADINGS = (
 )
 
 
-def comparison_section(study: StudyRecord, rows: Rows) -> Section:
+def comparison_section(study: Study, rows: Rows) -> Section:
     """Return the comparison of every controller with the reference, itself included."""
-    reference = study.names[study.reference]
-    lines = [_line(study, rows, place) for place in range(len(study.names))]
+    laws = [str(tables["law"]) for tables in study.controllers.values()]
+    place_of_pd = laws.index("pd") if "pd" in laws else 0
+    reference = study.names[place_of_pd]
+    lines = [_line(study, rows, place, place_of_pd) for place in range(len(study.names))]
     return Section(
         f"Against {reference}",
         (
@@ -43,9 +46,9 @@ def comparison_section(study: StudyRecord, rows: Rows) -> Section:
     )
 
 
-def _line(study: StudyRecord, rows: Rows, place: int) -> tuple[Cell, ...]:
+def _line(study: Study, rows: Rows, place: int, reference_place: int) -> tuple[Cell, ...]:
     it = np.flatnonzero(rows.controller == place)
-    reference = np.flatnonzero(rows.controller == study.reference)
+    reference = np.flatnonzero(rows.controller == reference_place)
     _, of_it, of_reference = np.intersect1d(
         rows.case[it], rows.case[reference], assume_unique=True, return_indices=True
     )

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ...closed_loop.reports.page import Cell, Section, Table, number
-from ...closed_loop.studies.result_reader import Rows, StudyRecord
+from ...closed_loop.studies.result_reader import Rows
+from ...closed_loop.studies.study import Study
 from ...runtime.array_types import BoolArray, FloatArray
 
 _HEADINGS = (
@@ -12,7 +13,7 @@ _HEADINGS = (
 )
 
 
-def reaction_sections(study: StudyRecord, rows: Rows) -> list[Section]:
+def reaction_sections(study: Study, rows: Rows) -> list[Section]:
     """Return the section of the runs in which a fault changed a frame; none without such runs."""
     faulty = np.isfinite(rows.fault_s)
     if not faulty.any():

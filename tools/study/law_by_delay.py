@@ -15,8 +15,10 @@ from matplotlib.ticker import LogFormatter
 
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
 from ...closed_loop.reports.plot_style import law_styles
+from ...closed_loop.studies.factors import Factor
 from ...closed_loop.studies.result_files import are_numbers
-from ...closed_loop.studies.result_reader import FactorRecord, Rows, StudyRecord
+from ...closed_loop.studies.result_reader import Rows
+from ...closed_loop.studies.study import Study
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from .against_pd import three_digits
 
@@ -55,7 +57,7 @@ class LawByDelay(NamedTuple):
         return self.delays_ms[broken[0]] if len(broken) else None
 
 
-def law_by_delay(study: StudyRecord, rows: Rows) -> LawByDelay | None:
+def law_by_delay(study: Study, rows: Rows) -> LawByDelay | None:
     """Return the worst figures; None where no delay varies or there are too many conditions."""
     mean = _mean_delay(study.factors)
     if mean is None:
@@ -89,7 +91,7 @@ def law_by_delay(study: StudyRecord, rows: Rows) -> LawByDelay | None:
     )
 
 
-def _mean_delay(factors: Sequence[FactorRecord]) -> FactorRecord | None:
+def _mean_delay(factors: Sequence[Factor]) -> Factor | None:
     """Return the factor of the mean latency, of the downlink if both directions vary apart."""
     found = [
         factor
@@ -116,7 +118,7 @@ def _level(name: str, value: object) -> str:
     return str(value) if isinstance(value, str) else f"{name} {value}"
 
 
-def _is_vehicle(factor: FactorRecord) -> bool:
+def _is_vehicle(factor: Factor) -> bool:
     return all(key.startswith(_VEHICLE) for key in factor.keys)
 
 

@@ -65,8 +65,8 @@ def _sizes(scenarios: Scenarios) -> list[str]:
     lines = [
         f"study: {study.settings.name}" + (f": {study.settings.title}" * bool(study.settings.title))
     ]
-    for factor in design.factors:
-        labels = [str(level.label) for level in factor.levels or ()]
+    for factor in study.factors:
+        labels = list(map(str, factor.labels))
         shown = ", ".join(labels if len(labels) <= 12 else [*labels[:6], "...", *labels[-2:]])
         lines.append(f"factor: {factor.name}: {f'{len(labels)}: {shown}' if labels else 'drawn'}")
     lines.append(f"controllers: {', '.join(scenarios.controllers)}")
@@ -74,7 +74,7 @@ def _sizes(scenarios: Scenarios) -> list[str]:
         f"runs: {study.runs:,} = {design.points:,} points ({sampling.kind}) x "
         f"{sampling.replicates:,} replicates x {len(scenarios.controllers)} controllers"
     )
-    if study.bus is not None:
+    if study.on_nodes:
         lines.append("bus: the nodes run in virtual time, not compiled")
     return lines
 

@@ -11,16 +11,10 @@ from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, p
 from ...closed_loop.reports.plot_style import plot_style, png_of
 from ...closed_loop.studies.base_settings import leaves
 from ...closed_loop.studies.compiled_figures import short_windows
+from ...closed_loop.studies.factors import Factor
 from ...closed_loop.studies.result_files import are_numbers
-from ...closed_loop.studies.result_reader import (
-    HOLDS,
-    VERDICTS,
-    FactorRecord,
-    Rows,
-    StudyRecord,
-    read_rows,
-    read_study,
-)
+from ...closed_loop.studies.result_reader import HOLDS, VERDICTS, Rows, read_results
+from ...closed_loop.studies.study import Study
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.output_file import write_file, write_text
@@ -47,31 +41,34 @@ def write(folder: Path) -> tuple[Path, list[str]]:
 
     Raises SettingsError where there are no results, OSError where nothing can be written.
     """
-    study = read_study(folder)
-    rows = read_rows(study)
+    study, rows = read_results(folder)
     found = law_by_delay(study, rows)
     sections = [
         study_section(study, rows),
         *reaction_sections(study, rows),
-        *([] if found is None else [_laws(study, found)]),
+        *([] if found is None else [_laws(study, found, folder)]),
         comparison_section(study, rows),
     ]
     file = folder / PAGE
     held = np.count_nonzero(rows.verdict == HOLDS)
     verdict = f"{held:,} of {len(rows.id):,} runs hold the path"
-    write_text(file, page(f"Study {study.name}", sections, verdict))
-    if found is None or not study.report.largest_deviation:
+    write_text(file, page(f"Study {study.settings.name}", sections, verdict))
+    if found is None or not study.settings.report.largest_deviation:
         return file, []
     return file, largest_deviations(found)
 
 
-def _laws(study: StudyRecord, found: LawByDelay) -> Section:
-    names = (study.report.error_over_delay or found.controllers)[:CURVES_MAX]
+def _laws(study: Study, found: LawByDelay, folder: Path) -> Section:
+    names = (study.settings.report.error_over_delay or found.controllers)[:CURVES_MAX]
     laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
-    draw = draw_largest_deviations if study.report.largest_deviation else draw_error_over_delay
+    draw = (
+        draw_largest_deviations
+        if study.settings.report.largest_deviation
+        else draw_error_over_delay
+    )
     with plot_style():
         png = png_of(draw(found, names, laws))
-    write_file(study.folder / "error_over_delay.png", png)
+    write_file(folder / "error_over_delay.png", png)
     return law_section(found, [Picture(png, "error over delay")])
 
 
@@ -79,15 +76,14 @@ _LABELS_SHOWN = 16
 _DURATION = "plant.duration_s"
 
 
-def study_section(study: StudyRecord, rows: Rows) -> Section:
+def study_section(study: Study, rows: Rows) -> Section:
     """Return the settings of the study, and how its runs ended."""
-    sampling, runs = study.sampling, len(rows.id)
+    sampling, runs = study.settings.sampling, len(rows.id)
     size = f"{runs:,} runs" if runs == study.runs else f"{runs:,} of {study.runs:,} runs so far"
     texts = {
-        "Size": f"{size}: {len(study.names)} controllers, replicates: {sampling['replicates']:,}",
-        "Points": f"{study.runs // len(study.names) // sampling['replicates']:,}, "
-        f"{sampling['kind']}",
-        "Seed": f"{sampling['seed']}; all controllers meet the same networks",
+        "Size": f"{size}: {len(study.names)} controllers, replicates: {sampling.replicates:,}",
+        "Points": f"{study.design.points:,}, {sampling.kind}",
+        "Seed": f"{sampling.seed}; all controllers meet the same networks",
         "Arithmetic": "that of the nodes, to the last bit",
         "Controllers": ", ".join(study.names),
         **{f"Factor {factor.name}": _factor(factor) for factor in study.factors},
@@ -96,7 +92,10 @@ def study_section(study: StudyRecord, rows: Rows) -> Section:
         ("Setting", "Value"),
         [
             *((Cell(name), Cell(text)) for name, text in texts.items()),
-            (Cell("Verdict"), _against(study.verdict, VerdictRules())),
+            (
+                Cell("Verdict"),
+                _against(study.settings.verdict.model_dump(mode="json"), VerdictRules()),
+            ),
             (Cell("Base of the plant"), _against(study.plant, PlantSettings())),
         ],
     )
@@ -109,11 +108,11 @@ def study_section(study: StudyRecord, rows: Rows) -> Section:
             for name, line in zip(study.names, counts.tolist(), strict=True)
         ],
     )
-    title = study.title or "Latency and jitter, law by law"
+    title = study.settings.title or "Latency and jitter, law by law"
     return Section(title, (), tables=(settings, verdicts), notes=_warnings(study, rows))
 
 
-def _factor(factor: FactorRecord) -> str:
+def _factor(factor: Factor) -> str:
     keys = ", ".join(factor.keys)
     labels = [f"{label:g}" if isinstance(label, float) else str(label) for label in factor.labels]
     if not labels:
@@ -137,10 +136,10 @@ def _texts(values: list[tuple[str, Any]]) -> str:
     )
 
 
-def _warnings(study: StudyRecord, rows: Rows) -> list[str]:
+def _warnings(study: Study, rows: Rows) -> list[str]:
     durations_s = [float(study.plant["duration_s"])]
     for factor in study.factors:
         if _DURATION in factor.keys and are_numbers(factor.labels):
             durations_s = [float(np.min(rows.factors[factor.name]))]
-    warning = short_windows(VerdictRules.model_validate(study.verdict), min(durations_s))
+    warning = short_windows(study.settings.verdict, min(durations_s))
     return [f"Warning: {warning}."] if warning else []

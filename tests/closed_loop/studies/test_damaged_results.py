@@ -17,7 +17,7 @@ import pytest
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computed
 from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.result_reader import read_rows, read_study
+from steer_by_wire.closed_loop.studies.result_reader import read_results
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.programs.failing_disk import failing_disk
@@ -65,8 +65,8 @@ def refusal(read: Callable[[], object]) -> str:
 
 
 def test_what_is_whole_is_read(folder: Path, scenarios: Scenarios) -> None:
-    study = read_study(folder / "out")
-    assert read_rows(study).id.tolist() == [*range(RUNS)]
+    _, rows = read_results(folder / "out")
+    assert rows.id.tolist() == [*range(RUNS)]
     store = open_store(folder, scenarios)
     assert store.stored() == RUNS
     found = stored_row(store, 47)
@@ -80,7 +80,7 @@ def test_every_reader_refuses_a_record_that_is_not_as_it_was_written(
     record = folder / "out" / "study.json"
     for content in (b"", b"{", record.read_bytes().replace(b'"small"', b'"smell"')):
         record.write_bytes(content)
-        assert str(folder / "out") in refusal(lambda: read_study(folder / "out"))
+        assert str(folder / "out") in refusal(lambda: read_results(folder / "out"))
         assert "of another study" in refusal(lambda: open_store(folder, scenarios))
 
 
@@ -118,7 +118,7 @@ def test_every_reader_refuses_files_that_are_damaged_or_anothers(
         shutil.copytree(folder / "kept", folder / "out" / "chunks")
     damage(folder / "out" / name)
     assert str(folder / "out" / name) in refusal(lambda: open_store(folder, scenarios).stored())
-    assert str(folder / "out" / name) in refusal(lambda: read_study(folder / "out"))
+    assert str(folder / "out" / name) in refusal(lambda: read_results(folder / "out"))
 
 
 def test_every_flipped_bit_is_noticed_when_the_folder_is_opened(
@@ -131,7 +131,7 @@ def test_every_flipped_bit_is_noticed_when_the_folder_is_opened(
         damaged[bit // 8] ^= 1 << bit % 8
         results.write_bytes(damaged)
         refusal(lambda: open_store(folder, scenarios))
-        refusal(lambda: read_study(folder / "out"))
+        refusal(lambda: read_results(folder / "out"))
 
 
 def test_another_process_does_not_write_into_the_same_folder(

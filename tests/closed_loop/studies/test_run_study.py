@@ -130,12 +130,12 @@ def test_another_study_is_not_mixed_in(whole: Store, tmp_path: Path) -> None:
 
 
 def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
-    identity = json.loads((whole.folder / "study.json").read_text(encoding="utf-8"))
+    record = json.loads((whole.folder / "study.json").read_text(encoding="utf-8"))
     scenarios = Scenarios(load_study(whole.folder.parent / "study.toml"))
     for run in (0, 13, RUNS - 1):
         row = stored_row(whole, run)
         assert row is not None
-        assert pair_of_row(identity, row) == scenarios.pair(run)
+        assert pair_of_row(record, row) == scenarios.pair(run)
         assert_nodes_reproduce(scenarios, row)
         commands = write_settings(scenarios, run, whole.folder)
         file = whole.folder / "replay" / str(run) / "plant_emulator.toml"

@@ -107,9 +107,9 @@ def test_load_errors_and_clocks_are_factors_and_every_run_can_be_repeated(
     (command,) = (line for line in again.splitlines() if line.startswith("again: "))
     assert run(command.removeprefix("again: steer-by-wire run ").split()) == ExitStatus.OK
     assert f"RMS {1e3 * rms_m[3]:.2f} mm" in capsys.readouterr().out
-    identity = json.loads((out / "study.json").read_text(encoding="utf-8"))
+    record = json.loads((out / "study.json").read_text(encoding="utf-8"))
     overrides = json.dumps(Scenarios(load_study(file)).case(3).overrides)
-    bus = pair_of_row(identity, {"overrides": overrides, "controller": "practical_pd"}).bus
+    bus = pair_of_row(record, {"overrides": overrides, "controller": "practical_pd"}).bus
     assert bus is not None
     assert (bus.load, bus.bit_error_rate) == (0.6, 0.01)
 
@@ -117,7 +117,7 @@ def test_load_errors_and_clocks_are_factors_and_every_run_can_be_repeated(
 def test_a_study_without_a_bus_is_compiled(tmp_path: Path) -> None:
     study = load_study(study_file(tmp_path, ""))
     assert study.bus is None
-    assert '"bus"' not in study.identity
+    assert not study.on_nodes
     row = np.full(len(COLUMNS), np.nan)
     scenarios = Scenarios(study)
     assert Computer(scenarios).run(scenarios.pair(0), row) == "too short"
@@ -212,18 +212,18 @@ def test_a_program_in_lockstep_is_a_controller_of_a_study(tmp_path: Path) -> Non
     assert 0.0 < squares[0] - squares[1] <= 1.001 * missing * table["steer_peak_rad"][0] ** 2
     study = load_study(file)
     row = {"overrides": json.dumps({"plant.seed": 1}), "controller": "outside"}
-    assert pair_of_row(json.loads(study.identity), row).command == study.commands["outside"]
+    assert pair_of_row(json.loads(study.record), row).command == study.commands["outside"]
 
 
 def test_another_program_of_the_same_name_makes_another_study(tmp_path: Path) -> None:
     program = tmp_path / "firmware"
     words = f'[base.variants.outside]\npreset = "practical_pd"\ncommand = ["{program}"]\n'
     file = study_file(tmp_path, words + "[base.bus]\n")
-    identities = []
+    records = []
     for content in ("one", "two", "two"):
         program.write_text(content, encoding="utf-8")
-        identities.append(load_study(file).identity)
-    assert identities[0] != identities[1] == identities[2]
+        records.append(load_study(file).record)
+    assert records[0] != records[1] == records[2]
 
 
 @pytest.mark.parametrize(
@@ -262,8 +262,8 @@ def test_a_controller_that_stops_for_implausible_signals_has_failed_and_not_its_
     plant = plant_preset("highway_nominal", ["duration_s=5", fault])
     controller = controller_preset("highway_pd", ["supervision.stops_if_implausible=true"])
     row = np.zeros(len(COLUMNS))
-    pair = Pair(plant=plant, controller=controller)
-    end = run_on_nodes(pair, BusSettings(), VerdictRules(), row)
+    pair = Pair(plant=plant, controller=controller, bus=BusSettings())
+    end = run_on_nodes(pair, VerdictRules(), row)
     assert end is RunEnd.CONTROLLER_FAILED
 
 
@@ -288,7 +288,7 @@ def test_a_study_on_a_cars_bus_is_the_run_in_its_dialect(tmp_path: Path) -> None
     wanted = json.loads((tmp_path / "run.json").read_text())["plant_emulator"]["node"]
     assert table["rms_m"][0] == pytest.approx(wanted["rms_m"], rel=1e-9)
     assert table["commands_acted"][0] == wanted["downlink"]["released"]
-    assert str(CAR.with_suffix(".dbc")) in json.loads(study.identity)["files"]
+    assert str(CAR.with_suffix(".dbc")) in json.loads(study.record)["files"]
     assert Scenarios(study).pair(0).dialect == str(CAR)
 
 
@@ -316,7 +316,7 @@ def test_faults_of_a_study_over_a_bus_name_the_cars_messages(tmp_path: Path) -> 
     study = load_study(file)
     overrides = json.dumps(Scenarios(study).case(1).overrides)
     row = {"overrides": overrides, "controller": "practical_pd"}
-    (fault,) = pair_of_row(json.loads(study.identity), row).plant.faults
+    (fault,) = pair_of_row(json.loads(study.record), row).plant.faults
     assert fault.message == "STEER_REQUEST"
 
 

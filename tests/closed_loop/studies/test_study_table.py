@@ -1,5 +1,6 @@
 """A study run from Python gives what the program stores, run by run."""
 
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,13 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from steer_by_wire import SettingsError, run_study, simulate, sweep
+from steer_by_wire import LatencyModel, SettingsError, run_study, simulate, sweep
+from steer_by_wire.controller.laws.pd import LAW
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.path.settings import StraightSettings
+from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.settings.toml_text import dump_toml
 from tests.support.runs.small_study import STUDY, complete
 
 
@@ -38,42 +45,90 @@ def test_a_study_file_that_cannot_be_run_is_refused_in_one_line(tmp_path: Path) 
         run_study("no.toml")
 
 
-ALIKE: dict[str, Any] = {"controller": "practical_pid", "duration_s": 3.0, "latency_s": 0.1}
+def test_a_sweep_takes_what_simulate_takes() -> None:
+    of_sweep, of_simulate = (dict(signature(each).parameters) for each in (sweep, simulate))
+    assert set(of_sweep) - {"over", "replicates"} == set(of_simulate)
+    for name, parameter in of_simulate.items():
+        if name not in ("seed", "engine"):  # of all replicates; compiled unless there is a bus
+            assert of_sweep[name].annotation == parameter.annotation, name
+            assert of_sweep[name].default == parameter.default, name
 
 
-def test_a_sweep_has_a_row_for_every_combination_and_each_is_the_run_of_simulate() -> None:
+NETWORK = LatencyModel(lambda u, mean_s, *_: mean_s * (1.0 + u))
+KINDS: dict[str, dict[str, Any]] = {
+    "presets": {"plant": "paper_corner_a", "controller": "practical_pid"},
+    "settings": {
+        "plant": plant_preset("paper_corner_b", ["latency.downlink.loss=0.1"]),
+        "controller": controller_preset("practical_pd", ["rate_hz=50"]),
+    },
+    "files": {"plant": "plant.toml", "controller": Path("controller.toml")},
+    "vehicle": {"vehicle": "vehicle.toml", "controller": "practical_predictor"},
+    "law": {"law": LAW, "latency_s": np.float64(0.1)},
+    "network": {"latency_s": 0.1, "jitter_s": 0.02, "loss": 0.1},
+    "latencies": {"latencies": np.linspace(0.0, 0.2, 50)},
+    "overrides": {
+        "overrides": {
+            "plant.path": StraightSettings(),
+            "plant.latency.downlink.model": NETWORK,
+            "plant.latency.downlink.mean_s": 0.05,
+            "plant.vehicle.initial_lateral_error_m": 0.1,
+            "controller.rate_hz": 50,
+        }
+    },
+    "sensors": {"controller": "practical_predictor", "overrides": {"plant.sensor_period_ms": 20.0}},
+    "faults": {
+        "engine": "virtual",
+        "overrides": {
+            "plant.faults": [
+                {"kind": "drop", "direction": "uplink", "onset_s": 0.5, "duration_s": 0.1}
+            ]
+        },
+    },
+    "bus": {"engine": "virtual", "bus": {"load": 0.7}},
+    "bus in a file": {"engine": "virtual", "bus": "bus.toml"},
+    "bus as settings": {"engine": "virtual", "bus": BusSettings(bitrate_bit_s=250_000)},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_row_of_a_sweep_is_the_run_of_simulate(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, text in {
+        "plant.toml": "[vehicle]\nspeed_m_s = 1.5\n[latency.downlink]\nmean_s = 0.05\n",
+        "controller.toml": dump_toml(controller_preset("practical_pd", ["rate_hz=50"])),
+        "vehicle.toml": f"[vehicle]\n{dump_toml(plant_preset('paper_corner_c').vehicle)}",
+        "bus.toml": "bitrate_bit_s = 125_000\n",
+    }.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    given = {"duration_s": 2.0, **KINDS[kind]}
+    table = sweep({}, seed=7, **given)
+    run = simulate(seed=int(table["seed"][0]), **{"engine": "compiled", **given})
+    figures = ("rms_m", "peak_m", "preview_rms_m", "preview_peak_m")
+    assert [table[name][0] for name in figures] == [getattr(run, name) for name in figures]
+    assert table["steer_peak_rad"][0] == np.max(np.abs(run.controller.sent_rad))
+    assert table["law"][0] == run.controller_settings.law
+    assert run.rms_m > 0.0
+
+
+def test_a_sweep_has_a_row_for_every_combination() -> None:
+    own = controller_preset("practical_pd")
     table = sweep(
         {
             "latency_s": np.array([0.0, 0.1]),
             "jitter_s": [0.0, 0.02],
-            "controller": ["practical_pd", "practical_pid"],
+            "controller": ["practical_pid", own, controller_preset("practical_pd", ["rate_hz=50"])],
         },
         replicates=2,
-        duration_s=3.0,
-        overrides={"controller.rate_hz": 50},
+        duration_s=2.0,
     )
-    assert {len(column) for column in table.values()} == {2 * 2 * 2 * 2}
-    row = int(
-        np.flatnonzero(
-            (table["controller"] == "practical_pid")
-            & (table["latency_s"] == 0.1)
-            & (table["jitter_s"] == 0.0)
-        )[0]
-    )
-    run = simulate(
-        controller="practical_pid",
-        duration_s=3.0,
-        latency_s=0.1,
-        overrides={"controller.rate_hz": 50},
-        engine="compiled",
-    )
-    assert table["rms_m"][row] == run.rms_m
-    alike = sweep({}, controller="practical_pid", duration_s=3.0, latency_s=0.1, jitter_s=0.02)
-    assert alike["rms_m"][0] == sweep({"jitter_s": [0.02]}, **ALIKE)["rms_m"][0]
-    listed = {"latencies": [0.1] * 400, "duration_s": 3.0}
-    (by_list,) = sweep({}, **listed)["rms_m"]
-    assert by_list == simulate(**listed, engine="compiled").rms_m
-    assert len(np.unique(table["rms_m"])) > len(np.unique(table["rms_m"][table["jitter_s"] == 0]))
+    assert {len(column) for column in table.values()} == {2 * 2 * 3 * 2}
+    assert set(table["controller"]) == {"practical_pid", "pd 2", "pd 3"}
+    late = (table["latency_s"] == 0.1) & (table["controller"] == "pd 2")
+    fixed = sweep({"controller": [own]}, latency_s=0.1, jitter_s=0.02, duration_s=2.0)
+    assert fixed["rms_m"][0] == table["rms_m"][late & (table["jitter_s"] == 0.02)][0]
+    assert len(np.unique(table["rms_m"][late])) == 3
 
 
 @pytest.mark.parametrize(
@@ -102,6 +157,15 @@ def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set
         ({"over": {"plant": ["paper_nominal"]}}, r"sweep over plant: takes one; sweep over keys"),
         ({"over": {}, "latencies": []}, "latencies: holds none"),
         ({"over": {}, "overrides": {"sed": 1}}, r"key sed starts with neither plant\. nor"),
+        ({"over": {}, "hand_wheel": "still"}, "sweep: hand_wheel: no run of a sweep has one"),
+        ({"over": {}, "engine": "compiled", "bus": {"load": 0.7}}, "bus: in a compiled run"),
+        (
+            {"over": {"bus": [{}]}},
+            r"sweep over bus: takes one; sweep over keys, as bus\.table\.key",
+        ),
+        ({"over": {}, "engine": "fast"}, r"engine = 'fast' is not a known one"),
+        ({"over": {}, "jitter_s": 0.02}, "jitter_s = 0.02: needs a latency_s"),
+        ({"over": {"law": [LAW._replace()]}}, "sweep: a Law has no name at the top of a module"),
     ],
 )
 def test_a_sweep_that_cannot_be_run_is_refused_in_one_line(arguments: Any, line: str) -> None:

@@ -13,6 +13,6 @@ def assert_nodes_reproduce(scenarios: Scenarios, row: dict[str, Any]) -> None:
     """Demand every figure of a stored run that came to its end, to the last bit."""
     assert row["ended_by"] == "complete"
     pair, figures = scenarios.pair(row["id"]), np.full(len(COLUMNS), np.nan)
-    end = run_on_nodes(pair, pair.bus, scenarios.study.settings.verdict, figures)
+    end = run_on_nodes(pair, scenarios.study.settings.verdict, figures)
     assert str(end) == "complete"
     np.testing.assert_array_equal(figures, [row[name] for name in COLUMNS])

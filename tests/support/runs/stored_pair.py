@@ -9,15 +9,16 @@ from steer_by_wire.dbc.bus_language import read_language
 from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
 
 
-def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
+def pair_of_row(record: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
     """Return the settings of a stored run from what its folder holds alone.
 
-    ``identity``  study.json
-    ``row``       of the results
+    ``record``  study.json
+    ``row``     of the results
     """
     overrides, name = json.loads(row["overrides"]), row["controller"]
-    given = identity["plant"], identity["controllers"][name], identity.get("bus")
-    command, dialect = identity.get("commands", {}).get(name, ()), identity.get("dialect", "")
+    given = record["plant"], record["controllers"][name], record["bus"]
+    command = record["base"]["variants"].get(name, {}).get("command", ())
+    dialect = record["dialect"]
     tables = pair_tables(*given, command, dialect, overrides)
     text = json.dumps(tables)
     return Pair.model_validate_json(text, strict=True, context=naming(read_language(dialect)))

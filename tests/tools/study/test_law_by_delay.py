@@ -9,18 +9,11 @@ import pytest
 
 from steer_by_wire import run_study
 from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.result_reader import (
-    HOLDS,
-    Rows,
-    StudyRecord,
-    read_rows,
-    read_study,
-)
+from steer_by_wire.closed_loop.studies.result_reader import HOLDS, Rows, read_results
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
-from steer_by_wire.closed_loop.studies.study import make_study
-from steer_by_wire.closed_loop.studies.study_file import StudySettings
-from steer_by_wire.closed_loop.studies.study_file import read_study as read_file
+from steer_by_wire.closed_loop.studies.study import Study, make_study
+from steer_by_wire.closed_loop.studies.study_file import StudySettings, read_study
 from steer_by_wire.closed_loop.studies.workers import thread_workers
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study.law_by_delay import (
@@ -61,16 +54,15 @@ def cut(
     )
 
 
-def computed(folder: Path, settings: StudySettings) -> tuple[StudyRecord, Rows]:
+def computed(folder: Path, settings: StudySettings) -> tuple[Study, Rows]:
     scenarios = Scenarios(make_study(settings, "study.toml", folder))
     store = Store(folder / "out", scenarios)
     store.open("")
     assert run_missing(store, thread_workers(scenarios, 2), lambda _: None, never)
-    study = read_study(store.folder)
-    return study, read_rows(study)
+    return read_results(store.folder)
 
 
-def by_delay(study: StudyRecord, rows: Rows) -> LawByDelay:
+def by_delay(study: Study, rows: Rows) -> LawByDelay:
     found = law_by_delay(study, rows)
     assert found is not None
     return found
@@ -78,7 +70,7 @@ def by_delay(study: StudyRecord, rows: Rows) -> LawByDelay:
 
 def test_the_predictor_holds_half_a_second_and_the_observers_do_not(tmp_path: Path) -> None:
     laws = ("PD+DDOB", "predictor", "PID, preview point")
-    compare = cut(read_file(SHIPPED / "compare.toml"), laws, mean_s=(0.0, 0.5))
+    compare = cut(read_study(SHIPPED / "compare.toml"), laws, mean_s=(0.0, 0.5))
     found = by_delay(*computed(tmp_path, compare))
     assert (found.controllers, found.delays_ms) == (laws, (0.0, 500.0))
     constant, newest_wins, in_order, lost, lag = range(5)
@@ -112,7 +104,7 @@ def test_the_predictor_holds_half_a_second_and_the_observers_do_not(tmp_path: Pa
 
 
 def test_a_published_law_breaks_at_80_ms_where_it_has_its_own_rate(tmp_path: Path) -> None:
-    compare = read_file(SHIPPED / "compare.toml")
+    compare = read_study(SHIPPED / "compare.toml")
     laws = ("PD as published", "PD+DDOB")
     chosen = cut(compare, laws, mean_s=(0.0, 0.08), network=("constant delay",))
     found = by_delay(*computed(tmp_path, chosen))
@@ -122,7 +114,7 @@ def test_a_published_law_breaks_at_80_ms_where_it_has_its_own_rate(tmp_path: Pat
 def test_it_breaks_where_the_lane_is_lost_first_and_nominal_differs_from_heavy(
     tmp_path: Path,
 ) -> None:
-    at_speed = read_file(SHIPPED / "compare_at_speed.toml")
+    at_speed = read_study(SHIPPED / "compare_at_speed.toml")
     networks = ("25 % lost in bursts of 15", "25 % lost in bursts of 15, 5000 kg")
     chosen = cut(at_speed, ("predictor",), mean_s=(0.1,), network=networks)
     seeded = chosen.sampling.model_copy(update={"seed": 1001})  # whatever the study's is
@@ -133,7 +125,7 @@ def test_it_breaks_where_the_lane_is_lost_first_and_nominal_differs_from_heavy(
 
 
 def test_a_law_breaks_at_the_first_delay_at_which_any_run_does_not_hold(tmp_path: Path) -> None:
-    compare = read_file(SHIPPED / "compare.toml")
+    compare = read_study(SHIPPED / "compare.toml")
     chosen = cut(compare, ("PD",), mean_s=(0.0, 0.05, 0.1), network=("constant delay",))
     study, rows = computed(tmp_path, chosen)
     verdict = rows.verdict.copy()
@@ -210,7 +202,7 @@ def test_a_variant_has_settings_of_its_own_and_changes_the_plant_of_its_runs_alo
     for run, pair in ((3, plain), (4, quick), (5, with_map)):
         row = stored_row(store, run)
         assert row is not None
-        assert pair_of_row(json.loads(scenarios.study.identity), row) == pair
+        assert pair_of_row(json.loads(scenarios.study.record), row) == pair
 
 
 @pytest.mark.parametrize(

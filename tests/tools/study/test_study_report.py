@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.result_reader import (
-    VERDICTS,
-    Rows,
-    StudyRecord,
-    read_rows,
-    read_study,
-)
+from steer_by_wire.closed_loop.studies.result_reader import VERDICTS, Rows, read_results
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
-from steer_by_wire.closed_loop.studies.study import load_study
+from steer_by_wire.closed_loop.studies.study import Study, load_study
 from steer_by_wire.closed_loop.studies.workers import thread_workers
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
@@ -76,8 +70,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def study(results: Path) -> StudyRecord:
-    return read_study(results)
+def study(results: Path) -> Study:
+    return read_results(results)[0]
 
 
 # The whole
@@ -104,6 +98,11 @@ def test_the_page_holds_everything_and_needs_nothing(results: Path) -> None:
     assert all(source.startswith("data:image/png;base64,") for source in images)
     for name in PICTURES:
         assert (results / f"{name}.png").read_bytes().startswith(PNG)
+    base = text.partition("Base of the plant")[2]
+    assert "duration_s = 8.0" in base.partition("<details>")[0]
+    assert "yaw_inertia" not in base.partition("<details>")[0]  # as by default: folded
+    assert "yaw_inertia" in base.partition("</details>")[0]
+    assert "Warning: runs of 8 s are judged by two windows of 2 s" in text
 
 
 def test_a_folder_without_results_is_refused_in_one_line(
@@ -127,8 +126,7 @@ short = { plant.latency.downlink.mean_s = 0.02 }
 long = { plant.latency.downlink.mean_s = 0.3 }
 """
     folder = computed(tmp_path, named)
-    study = read_study(folder)
-    assert law_by_delay(study, read_rows(study)) is None
+    assert law_by_delay(*read_results(folder)) is None
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -155,12 +153,11 @@ def test_a_study_without_latencies_has_a_page_too(
 # What is read and aggregated
 
 
-def test_rows_are_read_as_they_are_stored(study: StudyRecord) -> None:
-    rows = read_rows(study)
+def test_rows_are_read_as_they_are_stored(results: Path) -> None:
+    study, rows = read_results(results)
     assert len(rows.id) == RUNS == study.runs
     np.testing.assert_array_equal(rows.id, np.arange(RUNS))
     np.testing.assert_array_equal(rows.controller, np.arange(RUNS) % 2)
-    assert study.names[study.reference] == "practical_pd"
     assert 0 < np.count_nonzero(rows.holds) < RUNS
 
 
@@ -189,7 +186,7 @@ def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> 
     )
 
 
-def test_reactions_are_counted_over_the_runs_with_a_fault(study: StudyRecord) -> None:
+def test_reactions_are_counted_over_the_runs_with_a_fault(study: Study) -> None:
     one_law = study._replace(controllers={"practical_pd": study.controllers["practical_pd"]})
     rows = made_rows([1.0] * 4, [Verdict.HOLDS] * 4, 1)
     assert reaction_sections(one_law, rows) == []
@@ -204,7 +201,7 @@ def test_reactions_are_counted_over_the_runs_with_a_fault(study: StudyRecord) ->
     assert [cell.text for cell in line] == ["practical_pd", "3", "2", "70, 130", "0", "-", "1.000"]
 
 
-def test_laws_are_compared_run_by_run_where_both_hold(study: StudyRecord) -> None:
+def test_laws_are_compared_run_by_run_where_both_hold(study: Study) -> None:
     holds, cycle = Verdict.HOLDS, Verdict.LIMIT_CYCLE
     # practical_pd_ddob and practical_pd in turn
     rms_m = [1.0, 2.0, 3.0, 4.0, 50.0, 5.0, 6.0, 60.0]
