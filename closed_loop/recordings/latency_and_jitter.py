@@ -57,6 +57,28 @@ class _Status(NamedTuple):
     round_trip_ns: int | None
 
 
+class RoundTrips:
+    """Matches each command with the first STEERING_STATUS that names it."""
+
+    def __init__(self) -> None:
+        self._sent_ns: dict[int, int] = {}
+
+    def on_command(self, command: messages.SteeringCommand, time_ns: int | None) -> None:
+        """Take a command on the bus; without a time it has no round trip."""
+        self._sent_ns.pop(command.command_counter, None)
+        if len(self._sent_ns) >= IN_FLIGHT_MAX:
+            del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
+        if time_ns is not None:
+            self._sent_ns[command.command_counter] = time_ns
+
+    def on_status(self, status: messages.SteeringStatus, time_ns: int) -> int | None:
+        """Return the round trip that a status completes [ns], or None."""
+        if status.status is Code.NO_COMMAND:
+            return None
+        sent_ns = self._sent_ns.pop(status.applied_counter, None)
+        return None if sent_ns is None else time_ns - sent_ns
+
+
 class Latencies:
     """Takes the messages of one log in order; times in nanoseconds since its start."""
 
@@ -73,7 +95,7 @@ class Latencies:
         self.samples_skipped = 0
         self.sensor_period_s: float | None = None
         self.sensor_period_error_s = math.inf
-        self._sent_ns: dict[int, int] = {}
+        self._round_trips = RoundTrips()
         self._block: list[_Status] = []
         self._reported_ns: list[float] = []
         self._newest: tuple[int, int, int] | None = None  # counter, number, arrival
@@ -83,9 +105,7 @@ class Latencies:
     def on_command(self, command: messages.SteeringCommand, time_ns: int) -> None:
         """Take a command on the bus."""
         self.commands += 1
-        if len(self._sent_ns) >= IN_FLIGHT_MAX:
-            del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
-        self._sent_ns[command.command_counter] = time_ns
+        self._round_trips.on_command(command, time_ns)
 
     def on_plant_frame(self, time_ns: int) -> None:
         """Record the arrival of any frame of the plant; call it before the message's own method."""
@@ -97,13 +117,10 @@ class Latencies:
         self, status: messages.SteeringStatus, counter: int, is_late: bool, time_ns: int
     ) -> int | None:
         """Take a status of the actuator; returns the round trip that it completes [ns], or None."""
-        round_trip_ns = None
-        if not is_late and status.status is not Code.NO_COMMAND:
-            sent_ns = self._sent_ns.pop(status.applied_counter, None)
-            if sent_ns is not None:
-                round_trip_ns = time_ns - sent_ns
-                self.round_trip.record(round_trip_ns)
-                self.history["round_trip"].add(time_ns / NS_PER_S, round_trip_ns / NS_PER_S)
+        round_trip_ns = None if is_late else self._round_trips.on_status(status, time_ns)
+        if round_trip_ns is not None:
+            self.round_trip.record(round_trip_ns)
+            self.history["round_trip"].add(time_ns / NS_PER_S, round_trip_ns / NS_PER_S)
         number = self._unwrapped(counter, is_late, time_ns)
         if len(self._block) >= BLOCK:
             self.close_block()

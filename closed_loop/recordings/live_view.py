@@ -8,17 +8,17 @@ Of a frame that was read late no time is measured.
 import math
 from collections import defaultdict, deque
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from ...dbc.listening import OUR_MESSAGES, Listening
-from ...dbc.messages import Message, SteeringCommand, SteeringStatus, SteeringStatusCode
+from ...dbc.messages import Message, SteeringCommand, SteeringStatus
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import NAMES, BusListener, Taken
 from .held_path import PREVIEW_M, CgDeviation
+from .latency_and_jitter import RoundTrips
 
 SPAN_S = 15.0
 POINTS_MAX = 1 << 14
@@ -62,7 +62,6 @@ class Recent:
 
 _STALE_NS = NS_PER_S
 _MARK_NS = NS_PER_S // 10
-_IN_FLIGHT_MAX = 4096
 _M = TypeVar("_M", bound=Message)
 
 
@@ -95,44 +94,18 @@ class Newest(NamedTuple):
         return message if isinstance(message, kind) else None
 
 
-class View(NamedTuple):
-    """Everything the monitor shows.
-
-    ``cg_deviation_m``  of the centre of gravity; NaN where it is not known yet
-    ``round_trip_s``    the newest; NaN where there is none of the last second
-    ``names``           of a car's messages, by the name of ours that they stand for
-    """
-
-    elapsed_s: float
-    frames_per_s: float
-    newest: Newest
-    cg_deviation_m: float
-    round_trip_s: float
-    round_trip: Spread | None
-    messages: tuple[MessageView, ...]
-    refused: Mapping[str, int]
-    foreign_frames: int
-    foreign_ids: tuple[int, ...]
-    error_frames: int
-    names: Mapping[str, str] = MappingProxyType({})
-
-    def is_stale(self, name: str) -> bool:
-        """Whether our message ``name``, or a car's in its place, was received, but not lately."""
-        name = self.names.get(name, name)
-        return any(row.name == name and row.is_stale for row in self.messages)
-
-
 class BusWatch:
-    """Takes every frame on the bus; ``view`` returns the state to be shown.
+    """Takes every frame on the bus; its methods tell the state at a time.
 
     ``listening``  understands the bus
 
+    ``listener``        counts what is refused and foreign
     ``cg_deviation_m``  newest deviation of the centre of gravity [m]; NaN where it is not known yet
     """
 
     def __init__(self, start_ns: int, listening: Listening = OUR_MESSAGES) -> None:
-        self._start_ns = start_ns
-        self._listener = BusListener(listening)
+        self.start_ns = start_ns
+        self.listener = BusListener(listening)
         self._frames = 0
         self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
         self._newest: dict[type[Message], tuple[int, Message]] = {}
@@ -140,7 +113,7 @@ class BusWatch:
         self._cycles = defaultdict[str, Recent](Recent)
         self._arrived_ns: dict[str, int] = {}
         """When the newest frame came, by the message's name on the bus."""
-        self._sent_ns: dict[int, int] = {}
+        self._in_flight = RoundTrips()
         self._timed: set[str] = set()
         """What has a newest message with a time, by name."""
         self._cg = CgDeviation(PREVIEW_M)
@@ -150,10 +123,9 @@ class BusWatch:
         """Return the newest round trip [s]; NaN when there is none of the last second."""
         return self._round_trips.newest(now_ns)
 
-    @property
-    def refused(self) -> Mapping[str, int]:
-        """Rejected frames, by cause."""
-        return self._listener.refused
+    def round_trip(self, now_ns: int) -> Spread | None:
+        """Return the spread of the round trips of the last SPAN_S; None without any."""
+        return self._round_trips.spread(now_ns)
 
     def on_frame(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> Taken:
         """Take a frame that arrived at ``now_ns``; returns its messages if they are newer than all.
@@ -163,7 +135,7 @@ class BusWatch:
         self._frames += 1
         if now_ns - self._marks[-1][0] >= _MARK_NS:
             self._marks.append((now_ns, self._frames))
-        messages, of_car = self._listener.on_frame(frame, now_ns)
+        messages, of_car = self.listener.on_frame(frame, now_ns)
         messages = [one for one in messages if not one.is_late]
         if of_car:
             self._time(of_car, now_ns, has_time)
@@ -181,23 +153,6 @@ class BusWatch:
         (self._timed.add if has_time else self._timed.discard)(name)
         self._arrived_ns[name] = now_ns
 
-    def view(self, now_ns: int) -> View:
-        """Return the state to be shown at ``now_ns``."""
-        return View(
-            elapsed_s=(now_ns - self._start_ns) / NS_PER_S,
-            frames_per_s=self.frames_per_s(now_ns),
-            newest=self.newest(),
-            cg_deviation_m=self.cg_deviation_m,
-            round_trip_s=self.round_trip_s(now_ns),
-            round_trip=self._round_trips.spread(now_ns),
-            messages=self.messages(now_ns),
-            refused=self.refused,
-            foreign_frames=self._listener.foreign_frames,
-            foreign_ids=tuple(self._listener.foreign),
-            error_frames=self._listener.error_frames,
-            names=self._listener.listening.names,
-        )
-
     def newest(self, now_ns: int | None = None) -> Newest:
         """Return the newest messages; at a time ``now_ns``, those of the last second."""
         return Newest(
@@ -213,31 +168,23 @@ class BusWatch:
         self._newest.pop(kind, None)
 
     def _follow(self, message: Message, now_ns: int, has_time: bool) -> None:
-        cg_m = self._cg.on_message(message, (now_ns - self._start_ns) / NS_PER_S)
+        cg_m = self._cg.on_message(message, (now_ns - self.start_ns) / NS_PER_S)
         if not math.isnan(cg_m):
             self.cg_deviation_m = cg_m
         if isinstance(message, SteeringCommand):
-            if len(self._sent_ns) >= _IN_FLIGHT_MAX:
-                del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
-            self._sent_ns.pop(message.command_counter, None)
-            if has_time:
-                self._sent_ns[message.command_counter] = now_ns
+            self._in_flight.on_command(message, now_ns if has_time else None)
         elif isinstance(message, SteeringStatus):
-            sent_ns = self._sent_ns.pop(message.applied_counter, None)
-            if (
-                has_time
-                and sent_ns is not None
-                and message.status is not SteeringStatusCode.NO_COMMAND
-            ):
-                self._round_trips.add(now_ns, (now_ns - sent_ns) / NS_PER_S)
+            round_trip_ns = self._in_flight.on_status(message, now_ns)
+            if has_time and round_trip_ns is not None:
+                self._round_trips.add(now_ns, round_trip_ns / NS_PER_S)
 
     def messages(self, now_ns: int) -> tuple[MessageView, ...]:
         """Return every message on the bus as it stands at ``now_ns``."""
-        listed = self._listener.listening.listed
+        listed = self.listener.listening.listed
         return tuple(self._message(name, it.cycle_ms, now_ns) for name, it in listed.items())
 
     def _message(self, name: str, period_ms: float, now_ns: int) -> MessageView:
-        counts = self._listener.counts(name)
+        counts = self.listener.counts(name)
         newest_ns = self._arrived_ns.get(name)
         period_s = period_ms * NS_PER_MS / NS_PER_S if period_ms else None
         cycle = None if period_s is None else self._cycles[name].spread(now_ns)

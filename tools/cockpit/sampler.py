@@ -285,7 +285,7 @@ class Sampler:
         """Return the list of frames as it stands at ``now_ns``, ready for JSON."""
         return {
             "per_s": round(self._watch.frames_per_s(now_ns)),
-            "refused": dict(self._watch.refused),
+            "refused": dict(self._watch.listener.refused),
             "rows": [*self._message_rows(now_ns), *self._foreign_rows()],
         }
 
@@ -319,7 +319,7 @@ class Sampler:
         ]
 
     def _foreign_or_refused(self, frame: Frame, now_ns: int) -> None:
-        refused = Counter(self._watch.refused)
+        refused = Counter(self._watch.listener.refused)
         for cause in refused - self._refused:
             self._refused_until_ns[cause] = now_ns + _SHOWN_NS
         is_known = any(frame.can_id == it.can_id for it in self._listening.listed.values())

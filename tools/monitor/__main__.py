@@ -75,8 +75,7 @@ def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool
             now_ns = _listen(reader, watch, _WAIT_S)
             if now_ns >= draw_ns:
                 draw_ns = now_ns + period_ns
-                view = watch.view(now_ns)
-                lines = screen_lines(view, bus, console.width)
+                lines = screen_lines(watch, now_ns, bus, console.width)
                 live.update(Group(*lines), refresh=True)
 
 
@@ -88,7 +87,7 @@ def _print(port: ClosablePort, watch: BusWatch, stop: Callable[[], bool], start_
         wait_s = min(max((print_ns - time.monotonic_ns()) / NS_PER_S, 0.0), _WAIT_S)
         now_ns = _listen(reader, watch, wait_s)
         if now_ns >= print_ns:
-            print(one_line(watch.view(now_ns)), flush=True)
+            print(one_line(watch, now_ns), flush=True)
             print_ns += max((now_ns - print_ns) // NS_PER_S + 1, 1) * NS_PER_S
 
 

@@ -1,10 +1,11 @@
-"""From a view to lines of text: 22 of them, as wide as the terminal, 80 columns at least."""
+"""A watched bus as lines of text: 22 of them, as wide as the terminal, 80 columns at least."""
 
 import math
+from collections.abc import Iterator, Sequence
 
 from rich.text import Text
 
-from ...closed_loop.recordings.live_view import MessageView, View
+from ...closed_loop.recordings.live_view import BusWatch, MessageView
 from ...closed_loop.recordings.status_lights import (
     BAD,
     GOOD,
@@ -15,149 +16,132 @@ from ...closed_loop.recordings.status_lights import (
 )
 from ...dbc import messages
 from ...dbc.messages import EchoState, Freshness, SecondSender
+from ...runtime.node import NS_PER_S
 
 WIDTH_MIN = 80
 _ONE_MS = 1e3
+_SIGNALS = (
+    ("lateral error", messages.LateralError, "lateral_error_m", _ONE_MS, 2, "mm"),
+    ("CG off path", None, "", _ONE_MS, 2, "mm"),
+    ("steer", messages.SteeringCommand, "steer_rad", _ONE_MS, 2, "mrad"),
+    ("wheel", messages.SteeringStatus, "wheel_angle_rad", _ONE_MS, 2, "mrad"),
+    ("speed", messages.VehicleState, "speed_m_s", 1.0, 3, "m/s"),
+    ("yaw rate", messages.VehicleState, "yaw_rate_rad_s", _ONE_MS, 1, "mrad/s"),
+    ("curvature", messages.VehicleState, "preview_curvature_1_m", 1.0, 5, "1/m"),
+    ("heading err", messages.LateralError, "heading_error_rad", _ONE_MS, 1, "mrad"),
+    ("disturbance", messages.ControllerStatus, "disturbance_rad", _ONE_MS, 0, "mrad"),
+    ("network", messages.ControllerStatus, "network_disturbance_rad", _ONE_MS, 0, "mrad"),
+)
+"""Two on a line: label, message (None: computed), field, how many of the unit are one, digits."""
+_FRESH_WITH = (
+    "LATERAL_ERROR", "STEERING_COMMAND", "VEHICLE_STATE", "VEHICLE_STATE", "CONTROLLER_STATUS",
+)  # fmt: skip
+"""The message without which each of these lines is dim."""
 _STYLES = {GOOD: "bold green", NOTICE: "bold yellow", BAD: "bold red", OFF: "bold"}
 
 
-def screen_lines(view: View, bus: str, width: int = WIDTH_MIN) -> list[Text]:
+def screen_lines(watch: BusWatch, now_ns: int, bus: str, width: int = WIDTH_MIN) -> list[Text]:
     """Return the lines of the screen, none wider than ``width``."""
-    lines = [_title(view, bus, width), _state(view), *_signals(view), *_latency(view)]
-    lines += [Text(_HEAD, style="bold"), *_messages(view), _refused(view)]
+    rows = watch.messages(now_ns)
+    stale = {row.name for row in rows if row.is_stale}
+    names = watch.listener.listening.names
+    lines = [_title(watch, now_ns, bus, width), _state(watch, now_ns)]
+    for name, left, right in (*_signals(watch), *_latency(watch, now_ns)):
+        style = "dim" if names.get(name, name) in stale else ""
+        lines.append(Text(f"{left:30} {right}", style=style))
+    lines += [Text(_HEAD, style="bold"), *_messages(rows), _refused(watch)]
     for line in lines:
         line.truncate(width)
     return lines
 
 
-def one_line(view: View) -> str:
-    """Return the most important of a view on one line, for a file or a pipe."""
-    newest, trip = view.newest, view.round_trip
-    plant = newest.of(messages.PlantStatus)
-    off, command = newest.of(messages.LateralError), newest.of(messages.SteeringCommand)
-    status = newest.of(messages.ControllerStatus)
+def one_line(watch: BusWatch, now_ns: int) -> str:
+    """Return the most important figures on one line, for a file or a pipe."""
+    of, trip = watch.newest().of, watch.round_trip(now_ns)
+    plant, status = of(messages.PlantStatus), of(messages.ControllerStatus)
+    off, command = of(messages.LateralError), of(messages.SteeringCommand)
     one_way_s = () if plant is None else (plant.downlink_latency_s, plant.uplink_latency_s)
     round_trip_s = () if trip is None else (trip.p50_s, trip.p99_s)
     error = "-" if off is None else f"{_ONE_MS * off.lateral_error_m:+.2f}"
-    cg = "-" if math.isnan(view.cg_deviation_m) else f"{_ONE_MS * view.cg_deviation_m:+.2f}"
+    cg = "-" if math.isnan(watch.cg_deviation_m) else f"{_ONE_MS * watch.cg_deviation_m:+.2f}"
     steer = "-" if command is None else f"{_ONE_MS * command.steer_rad:+.2f}"
-    missing = sum(row.missing - row.late for row in view.messages)
+    missing = sum(row.missing - row.late for row in watch.messages(now_ns))
     mode = "-" if status is None else status.mode.name
+    elapsed_s = (now_ns - watch.start_ns) / NS_PER_S
     return (
-        f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  CG {cg} mm  steer {steer} mrad  "
+        f"{elapsed_s:.1f} s  {mode}  error {error} mm  CG {cg} mm  steer {steer} mrad  "
         f"down/up {_pair_ms(one_way_s)} ms  round trip {_pair_ms(round_trip_s)} ms  "
-        f"{view.frames_per_s:.0f} frames/s  missing {missing}  "
-        f"refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
-        f"{_second_senders(view)}"
+        f"{watch.frames_per_s(now_ns):.0f} frames/s  missing {missing}  "
+        f"refused {sum(watch.listener.refused.values())}  foreign {watch.listener.foreign_frames}"
+        f"{_second_senders(watch)}"
     )
 
 
-def _title(view: View, bus: str, width: int) -> Text:
-    seconds = int(view.elapsed_s)
+def _title(watch: BusWatch, now_ns: int, bus: str, width: int) -> Text:
+    seconds = (now_ns - watch.start_ns) // NS_PER_S
     clock = f"{seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02}"
     name = "monitor  "
     room = max(width - len(name) - len(clock) - 2, 0)
-    text = Text(name, style="bold")
-    text.append(bus[:room].ljust(room), style="not bold")
-    return text.append(f"  {clock}", style="not bold")
+    return Text.assemble((name, "bold"), f"{bus[:room]:{room}}  {clock}")
 
 
-def _state(view: View) -> Text:
-    law, skipped = "", "-"
-    if (status := view.newest.of(messages.ControllerStatus)) is not None:
+def _state(watch: BusWatch, now_ns: int) -> Text:
+    law, skipped, newest = "", "-", watch.newest()
+    if (status := newest.of(messages.ControllerStatus)) is not None:
         law, skipped = f" {status.law.name}", str(status.skipped_ticks)
-    controller, _, _, actuator, *_ = lights_of(view.newest, {}, names=view.names)
-    text = Text("controller ").append(controller.state, style=_STYLES[controller.level])
-    text.append(f"{law}, {skipped} ticks skipped").append(_alarms(view), style="bold red")
-    text.append("   actuator ").append(actuator.state, style=_STYLES[actuator.level])
-    return text.append(f"   {view.frames_per_s:.0f} frames/s")
-
-
-def _signals(view: View) -> list[Text]:
-    of = view.newest.of
-    error, command = of(messages.LateralError), of(messages.SteeringCommand)
-    steering, vehicle = of(messages.SteeringStatus), of(messages.VehicleState)
-    status = of(messages.ControllerStatus)
-    cg_m = None if math.isnan(view.cg_deviation_m) else view.cg_deviation_m
-    return [
-        _pair(
-            _value("lateral error", error and error.lateral_error_m, _ONE_MS, 2, "mm"),
-            _value("CG off path", cg_m, _ONE_MS, 2, "mm"),
-            view.is_stale("LATERAL_ERROR"),
-        ),
-        _pair(
-            _value("steer", command and command.steer_rad, _ONE_MS, 2, "mrad"),
-            _value("wheel", steering and steering.wheel_angle_rad, _ONE_MS, 2, "mrad"),
-            view.is_stale("STEERING_COMMAND"),
-        ),
-        _pair(
-            _value("speed", vehicle and vehicle.speed_m_s, 1.0, 3, "m/s"),
-            _value("yaw rate", vehicle and vehicle.yaw_rate_rad_s, _ONE_MS, 1, "mrad/s"),
-            view.is_stale("VEHICLE_STATE"),
-        ),
-        _pair(
-            _value("curvature", vehicle and vehicle.preview_curvature_1_m, 1.0, 5, "1/m"),
-            _value("heading err", error and error.heading_error_rad, _ONE_MS, 1, "mrad"),
-            view.is_stale("VEHICLE_STATE"),
-        ),
-        _pair(
-            _value("disturbance", status and status.disturbance_rad, _ONE_MS, 0, "mrad"),
-            _value("network", status and status.network_disturbance_rad, _ONE_MS, 0, "mrad"),
-            view.is_stale("CONTROLLER_STATUS"),
-        ),
-        _pair(_delay(view), _model(view), view.is_stale("CONTROLLER_STATUS")),
-    ]
-
-
-def _latency(view: View) -> list[Text]:
-    plant, trip = view.newest.of(messages.PlantStatus), view.round_trip
-    is_stale = view.is_stale("PLANT_STATUS")
-    trip_s = None if math.isnan(view.round_trip_s) else view.round_trip_s
-    spread = (
-        ""
-        if trip is None
-        else " ".join(
-            f"{name} {_ms(value_s)}"
-            for name, value_s in zip(("p50", "p99", "max"), trip, strict=True)
-        )
+    names = watch.listener.listening.names
+    controller, _, _, actuator, *_ = lights_of(newest, {}, names=names)
+    stale = list[str]()
+    if (safety := newest.of(messages.ControllerSafety)) is not None:
+        stale = measurements_that_are(Freshness.STALE, safety, names)
+    alarms = "".join(f", {name} stale" for name in stale) + _second_senders(watch)
+    return Text.assemble(
+        "controller ",
+        (controller.state, _STYLES[controller.level]),
+        f"{law}, {skipped} ticks skipped",
+        (alarms, "bold red"),
+        "   actuator ",
+        (actuator.state, _STYLES[actuator.level]),
+        f"   {watch.frames_per_s(now_ns):.0f} frames/s",
     )
+
+
+def _signals(watch: BusWatch) -> Iterator[tuple[str, str, str]]:
+    """Yield the message without which a line is dim, and its two parts."""
+    newest, shown = watch.newest(), list[str]()
+    for label, kind, field, scale, digits, unit in _SIGNALS:
+        message = kind and newest.of(kind)
+        value = watch.cg_deviation_m if kind is None else message and getattr(message, field)
+        shown.append(_value(label, value, scale, digits, unit))
+    yield from zip(_FRESH_WITH, shown[::2], shown[1::2], strict=True)
+    delay, model = newest.of(messages.DelayStatus), newest.of(messages.ModelStatus)
+    delay_text = model_text = ""
+    if delay is not None:
+        is_known = delay.echo_state is EchoState.KNOWN
+        delay_text = f"delay: echo {f'{_ONE_MS * delay.echo_delay_s:.0f}' if is_known else '-'} ms"
+    if model is not None:
+        lag_ms = _ONE_MS * model.steering_lag_s
+        model_text = f"{lag_ms:.0f} ms, {model.virtual_mass_kg:.0f} kg"
+    yield "CONTROLLER_STATUS", delay_text, model_text
+
+
+def _latency(watch: BusWatch, now_ns: int) -> Iterator[tuple[str, str, str]]:
+    plant, trip = watch.newest().of(messages.PlantStatus), watch.round_trip(now_ns)
+    names = zip(("p50", "p99", "max"), trip or (), strict=False)
+    spread = " ".join(f"{name} {_ms(value_s)}" for name, value_s in names)
     word = "latency, the plant's word"
-    rows = (
-        ("commands", plant and plant.downlink_latency_s, word, is_stale),
-        ("measurements", plant and plant.uplink_latency_s, word, is_stale),
-        ("round trip", trip_s, spread, False),
-    )
-    return [
-        _pair(_value(label, value, _ONE_MS, 2, "ms", sign=""), remark, is_old)
-        for label, value, remark, is_old in rows
-    ]
-
-
-def _delay(view: View) -> str:
-    """Return the delay down and up, by echo; - where it is not known now."""
-    delay = view.newest.of(messages.DelayStatus)
-    if delay is None:
-        return ""
-    echo = f"{_ONE_MS * delay.echo_delay_s:.0f}" if delay.echo_state is EchoState.KNOWN else "-"
-    return f"delay: echo {echo} ms"
-
-
-def _model(view: View) -> str:
-    """Return the steering lag and the virtual mass that the law steers by."""
-    model = view.newest.of(messages.ModelStatus)
-    if model is None:
-        return ""
-    return f"{_ONE_MS * model.steering_lag_s:.0f} ms, {model.virtual_mass_kg:.0f} kg"
-
-
-def _pair(left: str, right: str, is_stale: bool) -> Text:
-    return Text(f"{left:30} {right}", style="dim" if is_stale else "")
+    for message, label, value_s, remark in (
+        ("PLANT_STATUS", "commands", plant and plant.downlink_latency_s, word),
+        ("PLANT_STATUS", "measurements", plant and plant.uplink_latency_s, word),
+        ("", "round trip", watch.round_trip_s(now_ns), spread),
+    ):
+        yield message, _value(label, value_s, _ONE_MS, 2, "ms", sign=""), remark
 
 
 def _value(
     label: str, value: float | None, scale: float, digits: int, unit: str, sign: str = "+"
 ) -> str:
-    number = "-" if value is None else f"{scale * value:{sign}.{digits}f}"
+    number = "-" if value is None or math.isnan(value) else f"{scale * value:{sign}.{digits}f}"
     return f"{label}{number:>{22 - len(label)}} {unit}"
 
 
@@ -167,10 +151,10 @@ _HEAD = (
 )
 
 
-def _messages(view: View) -> list[Text]:
-    by_tools = [row for row in view.messages if row.period_s is None]
+def _messages(rows: Sequence[MessageView]) -> list[Text]:
+    by_tools = [row for row in rows if row.period_s is None]
     counts = ", ".join(f"{row.name} {row.accepted} ({row.refused} refused)" for row in by_tools)
-    cyclic = [_message(row, row.period_s) for row in view.messages if row.period_s is not None]
+    cyclic = [_message(row, row.period_s) for row in rows if row.period_s is not None]
     return [*cyclic, Text(counts, style="dim")]
 
 
@@ -185,41 +169,32 @@ def _message(row: MessageView, period_s: float) -> Text:
     return text.append(f"{row.refused:>8}", style="red" if row.refused else "")
 
 
-def _refused(view: View) -> Text:
-    ids = ",".join(f"{can_id:X}" for can_id in view.foreign_ids[:4])
-    more = ",.." if len(view.foreign_ids) > 4 else ""
-    plant, safety = _nodes(view)
-    nodes = (("plant", plant), ("controller", safety))
+def _refused(watch: BusWatch) -> Text:
+    listener, of = watch.listener, watch.newest().of
+    ids = ",".join(f"{can_id:X}" for can_id in [*listener.foreign][:4])
+    more = ",.." if len(listener.foreign) > 4 else ""
+    nodes = ("plant", of(messages.PlantStatus)), ("controller", of(messages.ControllerSafety))
     counts = ", ".join(f"{who} {one.lost}/{one.rejected}" for who, one in nodes if one is not None)
     counted = f"; lost/refused: {counts}" if counts else ""
-    causes = ", ".join(f"{cause} {count}" for cause, count in view.refused.items()) or "0"
+    causes = ", ".join(f"{cause} {count}" for cause, count in listener.refused.items()) or "0"
     return Text(
-        f"refused: {causes}; foreign {view.foreign_frames}"
-        f"{f' ({ids}{more})' if ids else ''}; error frames {view.error_frames}{counted}"
+        f"refused: {causes}; foreign {listener.foreign_frames}"
+        f"{f' ({ids}{more})' if ids else ''}; error frames {listener.error_frames}{counted}"
     )
 
 
-def _nodes(view: View) -> tuple[messages.PlantStatus | None, messages.ControllerSafety | None]:
-    return view.newest.of(messages.PlantStatus), view.newest.of(messages.ControllerSafety)
-
-
-def _alarms(view: View) -> str:
-    (_, safety), stale = _nodes(view), list[str]()
-    if safety is not None:
-        stale = measurements_that_are(Freshness.STALE, safety, view.names)
-    return "".join(f", {name} stale" for name in stale) + _second_senders(view)
-
-
-def _second_senders(view: View) -> str:
+def _second_senders(watch: BusWatch) -> str:
+    """Return the nodes whose messages someone else sends too, as either node reports it."""
+    of, none = watch.newest().of, SecondSender.NONE
+    safety, plant = of(messages.ControllerSafety), of(messages.PlantStatus)
+    by_controller = none if safety is None else safety.second_sender
+    by_plant = none if plant is None else plant.second_sender
     own, peer = SecondSender.OWN, SecondSender.PEER
-    plant, safety = _nodes(view)
-    seen = [SecondSender.NONE if node is None else node.second_sender for node in (safety, plant)]
-    notices = {"controller": (own, peer), "plant": (peer, own)}
-    return "".join(
-        f", TWO SENDERS as {name}"
-        for name, bits in notices.items()
-        if any(one & bit for one, bit in zip(seen, bits, strict=True))
-    )
+    is_seen = {
+        "controller": by_controller & own or by_plant & peer,
+        "plant": by_controller & peer or by_plant & own,
+    }
+    return "".join(f", TWO SENDERS as {name}" for name, seen in is_seen.items() if seen)
 
 
 def _pair_ms(values_s: tuple[float, ...]) -> str:

@@ -164,11 +164,11 @@ def test_the_monitor_shows_a_bus_in_a_dialect(log: Path) -> None:
     watch = BusWatch(0, listening())
     for _ in frames:
         monitor._listen(Reader(), watch, 0.0)
-    view = watch.view(frames[-1].time_ns)
-    heard = {one.name for one in view.messages if one.accepted > 90}
+    now_ns = frames[-1].time_ns
+    heard = {one.name for one in watch.messages(now_ns) if one.accepted > 90}
     assert heard == {"STEER_REQUEST", "STEER_ANGLE", "MOTION", "LANE"}
-    assert view.foreign_frames == 0
-    screen = "\n".join(line.plain for line in screen_lines(view, "can0"))
+    assert watch.listener.foreign_frames == 0
+    screen = "\n".join(line.plain for line in screen_lines(watch, now_ns, "can0"))
     assert not re.search("|".join(MESSAGE_TYPES), screen)
 
 

@@ -2,19 +2,13 @@
 
 import math
 import re
-from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.text import Text
 
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
-from steer_by_wire.closed_loop.recordings.live_view import (
-    SPAN_S,
-    BusWatch,
-    View,
-)
+from steer_by_wire.closed_loop.recordings.live_view import SPAN_S, BusWatch
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     ControllerStatus,
@@ -54,68 +48,64 @@ def entries(tmp_path_factory: pytest.TempPathFactory) -> list[LogEntry]:
     return entries_in(log)
 
 
-def view_of(entries: list[LogEntry], more: list[tuple[int, Frame]] | None = None) -> View:
+def watched(entries: list[LogEntry]) -> tuple[BusWatch, int]:
+    """Return a watch that has taken the frames, and the time of the last."""
     watch = BusWatch(0)
-    now_ns = 0
     for now_ns, _, frame in entries:
         watch.on_frame(frame, now_ns)
-    for now_ns, frame in more or ():
-        watch.on_frame(frame, now_ns)
-    return watch.view(now_ns)
+    return watch, entries[-1].time_ns
 
 
-# From frames to a view
+# From frames to figures
 
 
-def test_a_view_has_the_newest_of_every_signal(entries: list[LogEntry]) -> None:
-    view = view_of(entries)
+def test_a_watch_has_the_newest_of_every_signal(entries: list[LogEntry]) -> None:
+    watch, now_ns = watched(entries)
     newest = {}
     for _, _, frame in entries:
         decoded = decode(frame)
         assert isinstance(decoded, Decoded)
         newest[type(decoded.message)] = decoded.message
     for kind in (LateralError, SteeringCommand, SteeringStatus, ControllerStatus, PlantStatus):
-        assert view.newest.of(kind) == newest[kind]
-    assert view.elapsed_s == pytest.approx(20.0, abs=0.2)
-    assert view.frames_per_s == pytest.approx(len(entries) / view.elapsed_s, rel=0.1)
+        assert watch.newest().of(kind) == newest[kind]
+    assert watch.frames_per_s(now_ns) == pytest.approx(len(entries) / 20.0, rel=0.1)
 
 
-def test_a_view_has_the_round_trip_of_the_last_seconds(entries: list[LogEntry]) -> None:
-    view = view_of(entries)
-    assert view.round_trip is not None
-    assert 0.098 < view.round_trip.p50_s <= view.round_trip.p99_s <= view.round_trip.max_s < 0.112
-    commands = next(row for row in view.messages if row.name == "STEERING_COMMAND")
+def test_a_watch_has_the_round_trip_of_the_last_seconds(entries: list[LogEntry]) -> None:
+    watch, now_ns = watched(entries)
+    trip = watch.round_trip(now_ns)
+    assert trip is not None
+    assert 0.098 < trip.p50_s <= trip.p99_s <= trip.max_s < 0.112
+    commands = next(row for row in watch.messages(now_ns) if row.name == "STEERING_COMMAND")
     assert commands.cycle is not None
     assert commands.cycle.p50_s == pytest.approx(0.01, abs=1e-4)
     assert (commands.missing, commands.late, commands.refused) == (0, 0, 0)
 
 
-def test_a_view_counts_what_is_refused_by_cause(entries: list[LogEntry]) -> None:
-    now_ns = entries[-1].time_ns
+def test_a_watch_counts_what_is_refused_by_cause(entries: list[LogEntry]) -> None:
+    watch, now_ns = watched(entries)
     good = encode(error_of(), 0)
     bad = Frame(good.can_id, bytes([good.data[0] ^ 1]) + good.data[1:])
-    foreign = [(now_ns, Frame(0x7A0 + number, b"")) for number in range(3)]
-    view = view_of(
-        entries, [(now_ns, bad), (now_ns, Frame(0x20, b"", ERROR)), *foreign, (now_ns, bad)]
-    )
-    assert view.refused == {"bad_crc": 2}
-    assert (view.foreign_frames, view.foreign_ids) == (3, (0x7A0, 0x7A1, 0x7A2))
-    assert view.error_frames == 1
-    assert next(row.refused for row in view.messages if row.name == "LATERAL_ERROR") == 2
+    foreign = [Frame(0x7A0 + number, b"") for number in range(3)]
+    for frame in (bad, Frame(0x20, b"", ERROR), *foreign, bad):
+        watch.on_frame(frame, now_ns)
+    listener = watch.listener
+    assert listener.refused == {"bad_crc": 2}
+    assert (listener.foreign_frames, [*listener.foreign]) == (3, [0x7A0, 0x7A1, 0x7A2])
+    assert listener.error_frames == 1
+    assert next(row.refused for row in watch.messages(now_ns) if row.name == "LATERAL_ERROR") == 2
 
 
 def test_what_stays_away_is_stale_and_then_forgotten(entries: list[LogEntry]) -> None:
-    watch = BusWatch(0)
-    for now_ns, _, frame in entries:
-        watch.on_frame(frame, now_ns)
-    later = watch.view(entries[-1].time_ns + 2 * NS)
-    assert later.is_stale("LATERAL_ERROR")
-    assert later.frames_per_s == 0.0
-    assert math.isnan(later.round_trip_s)
-    assert later.round_trip is not None
-    much_later = watch.view(entries[-1].time_ns + round(2 * SPAN_S * NS))
-    assert much_later.round_trip is None
-    assert much_later.newest == later.newest
+    watch, now_ns = watched(entries)
+    later_ns, much_later_ns = now_ns + 2 * NS, now_ns + round(2 * SPAN_S * NS)
+    assert {row.name for row in watch.messages(later_ns) if row.is_stale} >= {"LATERAL_ERROR"}
+    assert watch.frames_per_s(later_ns) == 0.0
+    assert math.isnan(watch.round_trip_s(later_ns))
+    assert watch.round_trip(later_ns) is not None
+    assert watch.round_trip(much_later_ns) is None
+    assert watch.newest().of(LateralError) is not None
+    assert watch.newest(much_later_ns).of(LateralError) is None
 
 
 @pytest.mark.parametrize(
@@ -127,8 +117,7 @@ def test_a_second_sender_is_named_by_the_node_whose_messages_it_sends(
     watch = BusWatch(0)
     status = message_with(PlantStatus, safety=SafetyState.HOLDING, second_sender=second_sender)
     watch.on_frame(encode(status, 0), NS)
-    view = watch.view(NS)
-    for text in (as_text(screen_lines(view, BUS, 80)), one_line(view)):
+    for text in (text_of(watch, NS), one_line(watch, NS)):
         assert f", TWO SENDERS as {name}" in text
 
 
@@ -150,32 +139,28 @@ def test_no_frame_makes_the_monitor_raise(frames: list[tuple[int, Frame]]) -> No
     now_ns = 0
     for now_ns, frame in sorted(frames, key=lambda timed: timed[0]):
         watch.on_frame(frame, now_ns)
-    assert len(screen_lines(watch.view(now_ns), BUS)) == 22
+    assert len(screen_lines(watch, now_ns, BUS)) == 22
 
 
-# From a view to text
+# From figures to text
 
 
-def as_text(lines: Sequence[Text]) -> str:
-    return "\n".join(line.plain for line in lines)
-
-
-def text_of(view: View, width: int = 80) -> str:
-    return as_text(screen_lines(view, BUS, width))
+def text_of(watch: BusWatch, now_ns: int) -> str:
+    return "\n".join(line.plain for line in screen_lines(watch, now_ns, BUS, 80))
 
 
 @pytest.mark.parametrize("width", [1, 20, 79, 80, 81, 132])
 def test_the_screen_has_22_lines_that_fit_or_are_cut(entries: list[LogEntry], width: int) -> None:
-    for view in (view_of(entries), BusWatch(0).view(0)):
-        lines = screen_lines(view, BUS, width)
+    for watch, now_ns in (watched(entries), (BusWatch(0), 0)):
+        lines = screen_lines(watch, now_ns, BUS, width)
         assert len(lines) == 22
         assert all(line.cell_len <= width for line in lines)
 
 
 def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[LogEntry]) -> None:
-    view = view_of(entries)
-    text = text_of(view)
-    error, command = view.newest.of(LateralError), view.newest.of(SteeringCommand)
+    watch, now_ns = watched(entries)
+    text = text_of(watch, now_ns)
+    error, command = watch.newest().of(LateralError), watch.newest().of(SteeringCommand)
     assert error is not None
     assert command is not None
     for shown in (
@@ -194,16 +179,14 @@ def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[LogE
 
 
 def test_what_stays_away_is_said(entries: list[LogEntry]) -> None:
-    watch = BusWatch(0)
-    for now_ns, _, frame in entries:
-        watch.on_frame(frame, now_ns)
-    text = text_of(watch.view(entries[-1].time_ns + 3 * NS))
+    watch, now_ns = watched(entries)
+    text = text_of(watch, now_ns + 3 * NS)
     assert text.count("stays away") == 8
     assert "0 frames/s" in text
 
 
 def test_a_line_for_a_pipe_has_the_most_important(entries: list[LogEntry]) -> None:
-    line = one_line(view_of(entries))
+    line = one_line(*watched(entries))
     assert re.fullmatch(
         r"20\.\d s  ACTIVE  error [+-][\d.]+ mm  CG [+-][\d.]+ mm  steer [+-][\d.]+ mrad  "
         r"down/up 80\.0/20\.0 ms  "
@@ -211,4 +194,4 @@ def test_a_line_for_a_pipe_has_the_most_important(entries: list[LogEntry]) -> No
         line,
     )
     assert "error -  " not in line
-    assert "error - mm  CG - mm" in one_line(BusWatch(0).view(0))
+    assert "error - mm  CG - mm" in one_line(BusWatch(0), 0)
