@@ -15,6 +15,7 @@ from ...controller.history.echo_delay import unwrapped
 from ...dbc.bus_language import BusLanguage
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
+    LateralError,
     SteeringCommand,
     SteeringPlan,
     SteeringStatus,
@@ -44,8 +45,11 @@ class BusLog(NamedTuple):
     latencies: Latencies
 
 
-class _Collector:
-    """Collects samples of the plant's messages: number, arrival and values."""
+class BusSamples:
+    """Collects samples of the plant's messages.
+
+    ``rows``  by message: number, arrival [s] and values; the messages of a sample share its number
+    """
 
     def __init__(self) -> None:
         self.rows = defaultdict[type, list[tuple[float, ...]]](list)
@@ -78,10 +82,14 @@ class _Collector:
             elif isinstance(message, VehicleState):
                 row = message.speed_m_s, message.yaw_rate_rad_s
                 self._add(VehicleState, counter, taken.at_s, *row)
+            elif isinstance(message, LateralError):
+                row = message.lateral_error_m, message.heading_error_rad
+                self._add(LateralError, counter, taken.at_s, *row)
 
     def _add(self, kind: type, counter: int, *row: float) -> None:
-        number = unwrapped(counter, self._numbers.get(kind, counter - 1) + 1, COUNTERS)
-        self._numbers[kind] = number
+        newest = max(self._numbers.values(), default=counter)
+        expected = self._numbers[kind] + 1 if kind in self._numbers else newest
+        number = self._numbers[kind] = unwrapped(counter, expected, COUNTERS)
         self.rows[kind].append((number, row[0] + self._pause_s, *row[1:]))
 
     def _in_effect_rad(self, status: SteeringStatus, counter: int) -> float:
@@ -103,7 +111,7 @@ def read_bus(
 
     ``advance``  called now and then with a file and how much of it was read (None: unknown)
     """
-    collector = _Collector()
+    collector = BusSamples()
 
     def begin(file: str, share: float | None) -> None:
         if len(paths) > 1:

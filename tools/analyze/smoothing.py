@@ -16,19 +16,18 @@ share their counter, at the time at which it came, evenly spread:
     time_s, side_slip_rad, ..., and each with _std behind its name
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from ...closed_loop.identification.bus_series import BusSamples
 from ...closed_loop.identification.steering import identify_steering
-from ...closed_loop.recordings.bus_listener import command_at
 from ...closed_loop.recordings.log_analysis import LoggedMessages
 from ...closed_loop.recordings.log_state import LogError
 from ...controller.filters.settings import VehicleModelSettings
-from ...controller.history.echo_delay import unwrapped
 from ...controller.prediction.gains_over_speed import (
     PSI,
     EstimatorSettings,
@@ -37,7 +36,6 @@ from ...controller.prediction.gains_over_speed import (
     sampled_vehicles,
 )
 from ...dbc import messages
-from ...dbc.codec.protection import COUNTERS
 from ...runtime.array_types import FloatArray
 
 VEHICLE_STATES = (
@@ -121,23 +119,6 @@ def delay_of(round_trip: Mapping[str, Any]) -> dict[str, Any]:
     return {"delay_s": {"mean": round_trip["mean_s"], "mean_std": (high_s - low_s) / 3.92}}
 
 
-class _Error(NamedTuple):
-    """A LATERAL_ERROR, and the number of its sample."""
-
-    sample: int
-    at_s: float
-    lateral_error_m: float
-    heading_error_rad: float
-
-
-class _Status(NamedTuple):
-    """A STEERING_STATUS, the number of its sample, and the command in effect (NaN: not known)."""
-
-    sample: int
-    wheel_rad: float
-    command_rad: float
-
-
 class SmoothedTable:
     """Writes the table when it is closed; ``vehicle`` is the model, at the log's mean speed.
 
@@ -150,44 +131,37 @@ class SmoothedTable:
     """
 
     def __init__(self, path: Path, vehicle: VehicleModelSettings) -> None:
-        self._path, self._vehicle = path, vehicle
-        self._errors: list[_Error] = []
-        self._statuses: list[_Status] = []
-        self._speeds_m_s: list[float] = []
-        self._commands: dict[int, messages.SteeringCommand | messages.SteeringPlan] = {}
+        self._path, self._vehicle, self._samples = path, vehicle, BusSamples()
         self.figures: dict[str, Any] = {}
         self.time_s, self.values, self.deviations = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
 
     def write(self, taken: LoggedMessages) -> None:
         """Take the messages in a frame."""
-        for _, message, counter, _, _ in taken.messages:
-            if isinstance(message, messages.LateralError):
-                sample = self._sample(self._errors, counter)
-                error_m, heading_rad = message.lateral_error_m, message.heading_error_rad
-                self._errors.append(_Error(sample, taken.at_s, error_m, heading_rad))
-            elif isinstance(message, messages.SteeringStatus):
-                sample = self._sample(self._statuses, counter)
-                command_rad = self._in_effect_rad(message, counter)
-                self._statuses.append(_Status(sample, message.wheel_angle_rad, command_rad))
-            elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
-                self._commands[command_at(message, 0).command_counter] = message
-            elif isinstance(message, messages.VehicleState):
-                self._speeds_m_s.append(message.speed_m_s)
+        self._samples.write(taken)
 
     def close(self) -> None:
         """Smooth and write; raises LogError."""
-        samples = min(len(self._errors), len(self._statuses))
-        speed_m_s = float(np.mean(self._speeds_m_s or [0.0]))
-        if samples < _SAMPLES_MIN or not np.isfinite(self._errors[0].at_s) or speed_m_s <= 0.0:
+        errors, statuses, states = (
+            np.array(self._samples.rows[kind] or np.empty((0, 4)))
+            for kind in (messages.LateralError, messages.SteeringStatus, messages.VehicleState)
+        )
+        speed_m_s = float(states[:, 2].mean()) if len(states) else 0.0
+        samples = min(len(errors), len(statuses))
+        if samples < _SAMPLES_MIN or not np.isfinite(errors[0, 1]) or speed_m_s <= 0.0:
             raise LogError(
                 "--smooth needs a log with times, a speed above 0 in VEHICLE_STATE, and at least"
                 f" {_SAMPLES_MIN} LATERAL_ERROR and STEERING_STATUS"
             )
-        first, last = self._errors[0], self._errors[-1]
-        period_s: float = (last.at_s - first.at_s) / (last.sample - first.sample)
-        count = last.sample - first.sample + 1
-        measured, wheel_rad, command_rad = self._by_sample(first.sample, count)
-        time_s = first.at_s + period_s * np.arange(count, dtype=np.float64)
+        first, count = errors[0, 0], int(errors[-1, 0] - errors[0, 0]) + 1
+        period_s = float(errors[-1, 1] - errors[0, 1]) / (count - 1)
+        time_s = errors[0, 1] + period_s * np.arange(count, dtype=np.float64)
+        measured, command_rad = np.full((count, 2), np.nan), np.full(count, np.nan)
+        measured[(errors[:, 0] - first).astype(int)] = errors[:, 2:]
+        places = (statuses[:, 0] - first).astype(int)
+        is_within = (places >= 0) & (places < count)
+        command_rad[places[is_within]] = statuses[is_within, 3]
+        # A lost wheel angle lies between its neighbours.
+        wheel_rad = np.interp(range(count), places, statuses[:, 2])
         values, deviations = smooth_vehicle(self._vehicle, speed_m_s, period_s, measured, wheel_rad)
         names = [name for state in VEHICLE_STATES for name in (state, f"{state}_std")]
         rows = np.column_stack((time_s, np.stack((values, deviations), axis=2).reshape(count, -1)))
@@ -204,30 +178,3 @@ class SmoothedTable:
             # The interval is of 95 %.
             deviation_s = (lag.high - lag.low) / 3.92
             self.figures["steering_lag_s"] = {"mean": lag.value, "mean_std": deviation_s}
-
-    def _by_sample(self, first: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what was measured at each sample, the wheel, and the command in effect."""
-        measured, command_rad = np.full((count, 2), np.nan), np.full(count, np.nan)
-        for error in self._errors:
-            measured[error.sample - first] = error.lateral_error_m, error.heading_error_rad
-        at = [one.sample - first for one in self._statuses]
-        for place, status in zip(at, self._statuses, strict=True):
-            if 0 <= place < count:
-                command_rad[place] = status.command_rad
-        # A lost wheel angle lies between its neighbours.
-        wheel_rad = np.interp(range(count), at, [one.wheel_rad for one in self._statuses])
-        return measured, wheel_rad, command_rad
-
-    def _in_effect_rad(self, status: messages.SteeringStatus, counter: int) -> float:
-        """Return the command that the wheel follows; NaN where it is not known or is limited."""
-        command = self._commands.get(status.applied_counter)
-        if command is None or status.status is not messages.SteeringStatusCode.APPLYING:
-            return float("nan")
-        return command_at(command, counter).steer_rad
-
-    def _sample(self, own: Sequence[_Error | _Status], counter: int) -> int:
-        """Return the number of a sample: the one nearest to what comes next."""
-        other = self._statuses if own is self._errors else self._errors
-        if own:
-            return unwrapped(counter, own[-1].sample + 1, COUNTERS)
-        return unwrapped(counter, other[-1].sample, COUNTERS) if other else counter
