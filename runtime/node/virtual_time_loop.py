@@ -14,6 +14,7 @@ measurements arrive, the controller decides, and the command arrives: all at one
 textbook sampled-data loop.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -87,11 +88,12 @@ class VirtualTimeExecutor:
         bus: Wire | None = None,
         on_wire: Callable[[int, int, Frame], None] | None = None,
     ) -> None:
-        self._nodes = tuple(enumerate(nodes))
-        self._listeners_of = {
-            sender: tuple(entry for entry in self._nodes if entry[0] != sender)
-            for sender, _ in self._nodes
-        }
+        self._nodes = tuple(nodes)
+        everyone = tuple(enumerate(nodes))
+        self._receivers_of = defaultdict(
+            lambda: everyone,
+            {sender: everyone[:sender] + everyone[sender + 1 :] for sender, _ in everyone},
+        )
         self._wire: Wire = InstantWire() if bus is None else bus
         self._on_wire = on_wire
         self._now_ns = min((node.deadline_ns for node in nodes), default=0)
@@ -104,7 +106,7 @@ class VirtualTimeExecutor:
     @property
     def finished(self) -> bool:
         """Whether a node has finished; the run ends with the first one."""
-        return any(node.finished for _, node in self._nodes)
+        return any(node.finished for node in self._nodes)
 
     def run(self, until_ns: int) -> None:
         """Run every instant before ``until_ns``, or until a node has finished.
@@ -114,36 +116,38 @@ class VirtualTimeExecutor:
         bus raises when it cannot take a frame.
         """
         wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
-        submit, advance, listeners_of = wire.submit, wire.advance, self._listeners_of.get
-        now_ns, events, busy_index = _BEFORE_ALL_NS, 0, 0
+        submit, advance, receivers_of = wire.submit, wire.advance, self._receivers_of
+        deadlines_ns = [node.deadline_ns for node in nodes] or [NEVER_NS]
+        """Read again only after a node has acted; those in the past are now."""
+        now_ns, events, busy_index, is_over = _BEFORE_ALL_NS, 0, 0, self.finished
         while events < EVENTS_PER_INSTANT_MAX:
-            next_ns = wire.next_event_ns
-            if next_ns <= now_ns:
+            wire_ns, due_ns = wire.next_event_ns, min(deadlines_ns)
+            if wire_ns > now_ns < due_ns:  # Nothing is left to do at this instant.
+                next_ns = wire_ns if wire_ns < due_ns else due_ns
+                if is_over or next_ns >= until_ns:
+                    return
+                self._now_ns = now_ns = next_ns
+                events = 0
+            if wire_ns <= now_ns:
                 for end_ns, busy_index, frame in advance(now_ns):
                     events += 1
                     if on_wire is not None:
                         on_wire(end_ns, busy_index, frame)
-                    for index, node in listeners_of(busy_index, nodes):
+                    for index, node in receivers_of[busy_index]:
                         for answer in node.on_frame(frame, now_ns):
                             submit(answer, index, now_ns)
-                continue
-            for busy_index, node in nodes:
+                        deadline_ns = node.deadline_ns
+                        deadlines_ns[index] = deadline_ns if deadline_ns > now_ns else now_ns
+                        is_over = is_over or node.finished
+            else:
+                events += 1
+                busy_index = deadlines_ns.index(due_ns)
+                node = nodes[busy_index]
+                for frame in node.on_tick(now_ns):
+                    submit(frame, busy_index, now_ns)
                 deadline_ns = node.deadline_ns
-                if deadline_ns <= now_ns:
-                    events += 1
-                    for frame in node.on_tick(now_ns):
-                        submit(frame, busy_index, now_ns)
-                    break
-                if deadline_ns < next_ns:
-                    next_ns = deadline_ns
-            else:  # Nothing is left to do at this instant.
-                if next_ns >= until_ns:
-                    return
-                for _, node in nodes:
-                    if node.finished:
-                        return
-                self._now_ns = now_ns = next_ns
-                events = 0
+                deadlines_ns[busy_index] = deadline_ns if deadline_ns > now_ns else now_ns
+                is_over = is_over or node.finished
         raise RuntimeError(
             f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
             "its deadline does not move on, or its frames are answered without end"
