@@ -19,7 +19,6 @@ import time
 from collections.abc import Callable, Sequence
 
 from ..node import NEVER_NS, NS_PER_S
-from ..node.statistics import DurationStatistics, DurationSummary
 from .broker_connection import Cause, Connection, ConnectionLostError
 from .channel import NO_TRAFFIC, Channel, Traffic
 from .protocol import Answer, Hello, ProtocolError
@@ -39,6 +38,7 @@ class Broker:
     ``print_line``          prints one line, or drops it: the broker does not wait for its reader
     ``traffic``             rest bus on every channel
     ``disconnections``      how many clients have left, by cause
+    ``held_back``           how often a client was not read on because its frames waited
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Broker:
         self._bitrate_bit_s = bitrate_bit_s
         self._data_bitrate_bit_s = data_bitrate_bit_s
         self._print_line = print_line
-        self.disconnections = dict.fromkeys(map(str, Cause), 0)
+        self.disconnections = dict.fromkeys(Cause, 0)
         self._clock_ns = clock_ns
         self._traffic = traffic
         # Time stamps count from here: a second on the bus stays a second, whatever sets the clock.
@@ -63,20 +63,26 @@ class Broker:
         self.clients: set[Connection] = set()
         self._readers: set[Connection] = set()
         self._writers: set[Connection] = set()
-        self._most = self._served = self._held_back = 0
+        self._most = self._served = self.held_back = 0
         self.channels: dict[str, Channel] = {}
-        self._lateness = DurationStatistics()
 
-    @property
-    def lateness(self) -> DurationSummary:
-        """How long after an end of frame the broker came to deliver it: its wake-ups and stalls."""
-        return self._lateness.summary()
-
-    @property
-    def figures(self) -> dict[str, int]:
-        """Clients now, the most at once, all so far, and how often one was not read on."""
-        figures = {"connected": len(self.clients), "most": self._most, "served": self._served}
-        return figures | {"held_back": self._held_back}
+    def summary(self, duration_ns: int) -> str:
+        """Return in one line what it has carried and whom it has disconnected."""
+        parts = [f"ran {duration_ns / NS_PER_S:.1f} s"]
+        for name, channel in sorted(self.channels.items()):
+            frames, busy_ns, _ = channel.load
+            parts.append(f"{name} {frames} frames, load {busy_ns / duration_ns:.1%}")
+        parts.append(f"{self._served} clients, {self._most} at once")
+        gone = [
+            f"{count} {cause.replace('_', ' ')}"
+            for cause, count in self.disconnections.items()
+            if count and cause is not Cause.LEFT
+        ]
+        if gone:
+            parts.append(f"disconnected: {', '.join(gone)}")
+        if self.held_back:
+            parts.append(f"held back {self.held_back}x")
+        return "; ".join(parts)
 
     def run(self, ends: Sequence[int] = ()) -> None:
         """Serve until one of the descriptors ``ends`` is readable or closed."""
@@ -116,10 +122,7 @@ class Broker:
 
     def _deliver(self, channel: Channel, now_ns: int) -> None:
         """Send out the frames that are complete, and let their senders submit more."""
-        completed = channel.advance(now_ns)
-        if completed:
-            self._lateness.record(now_ns - completed[0].end_ns)
-        for delivery in completed:
+        for delivery in channel.advance(now_ns):
             channel.queue(delivery, delivery.end_ns + self._to_wall_clock_ns)
         for member in tuple(channel.members.values()):
             if member.has_outgoing:
@@ -219,7 +222,7 @@ class Broker:
             self._readers.add(client)
         elif not client.is_held_back:
             client.is_held_back = True
-            self._held_back += 1
+            self.held_back += 1
             self._readers.discard(client)
 
     def _flush(self, client: Connection) -> None:

@@ -3,19 +3,18 @@
 import socket
 import struct
 import sys
-from collections import Counter
 from enum import StrEnum
 
-from ..frame import EXTENDED, FD, Frame
-from .protocol import HELLO, Hello, record_format, unpack_hello, unpack_sent
+from ..frame import FD, Frame
+from .protocol import HELLO, Hello, record_bytes, unpack_frame, unpack_hello
 
 OUTGOING_BYTES_MAX = 1 << 20
 """Limit of the data that waits for a client: 43 690 classic frames, 10 s of a full bus at
 500 kbit/s."""
 
-FRAMES_WAITING_MAX, BUFFERS_MAX = 16, 32
-"""Frames under one identifier, and identifiers, that wait for the bus when a client is read no
-further; the rest waits in its socket, as in the queue of a network interface."""
+FRAMES_WAITING_MAX = 64
+"""Frames that wait for the bus when a client is read no further; the rest waits in its socket, as
+in the queue of a network interface."""
 
 READ_BYTES = 1 << 12
 """Small, because what is read but not submitted yet already counts as sent for the client."""
@@ -51,9 +50,8 @@ class Connection:
 
     ``number``          the sender's number on its channel
     ``hello``           its request; None until it is complete
-    ``record``          format of the records of both sides after the hello
-    ``waiting``         its submitted frames that are not complete yet, by identifier and whether
-                        that has 29 bits
+    ``record_bytes``    size of the records of both sides after the hello
+    ``waiting``         how many of its submitted frames are not complete yet
     ``is_held_back``    whether it is not read because too many of its frames wait
     """
 
@@ -61,13 +59,12 @@ class Connection:
         connection.setblocking(False)
         self.number = number
         self.hello: Hello | None = None
-        self.waiting: Counter[tuple[int, bool]] = Counter()
+        self.waiting = 0
         self.is_held_back = False
         self._process = _process_of(connection)
         self._socket = connection
-        self.record = record_format(fd=False)
+        self.record_bytes = record_bytes(fd=False)
         self._incoming, self._outgoing = bytearray(), bytearray()
-        self._put_back: Frame | None = None
 
     def __str__(self) -> str:
         of = f" of {self.hello.channel!r}" if self.hello else ""
@@ -105,34 +102,15 @@ class Connection:
         if len(self._incoming) < HELLO.size:
             return None
         self.hello = unpack_hello(self._remove(HELLO.size))
-        self.record = record_format(self.hello.fd)
+        self.record_bytes = record_bytes(self.hello.fd)
         return self.hello
 
     def next_frame(self) -> Frame | None:
         """Remove the next frame from the input; None if there is none. Raises ProtocolError."""
-        if self._put_back is not None:
-            frame, self._put_back = self._put_back, None
-            return frame
-        if len(self._incoming) < self.record.size:
+        if len(self._incoming) < self.record_bytes:
             return None
-        return unpack_sent(self.record, self._remove(self.record.size))
-
-    def put_back(self, frame: Frame) -> None:
-        """Let ``next_frame`` return ``frame`` again, for which there was no room."""
-        self._put_back = frame
-
-    def takes(self, frame: Frame) -> bool:
-        """Count a frame that waits for the bus, if there is room for it."""
-        key = frame.can_id, frame.flags & EXTENDED != 0
-        waiting = self.waiting[key]
-        if waiting >= FRAMES_WAITING_MAX or (not waiting and len(self.waiting) >= BUFFERS_MAX):
-            return False
-        self.waiting[key] += 1
-        return True
-
-    def on_complete(self, frame: Frame) -> None:
-        """Count a frame that waits no more."""
-        self.waiting -= Counter([(frame.can_id, frame.flags & EXTENDED != 0)])  # drops zeros
+        frame, _ = unpack_frame(self._remove(self.record_bytes))
+        return frame
 
     def wants(self, frame: Frame, sender: int) -> bool:
         """Whether the client receives ``frame`` of client ``sender``."""

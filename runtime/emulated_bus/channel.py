@@ -6,7 +6,6 @@ that much late, with their right times. Bit errors belong to virtual time alone.
 """
 
 from collections.abc import Sequence
-from struct import Struct
 from typing import NamedTuple
 
 from ..bus_model.bus_model import BusLoad, BusModel, Delivery
@@ -14,7 +13,7 @@ from ..bus_model.rest_bus import PeriodicMessage, RestBus
 from ..frame import Frame
 from ..node import NEVER_NS, NS_PER_MS
 from .broker_connection import FRAMES_WAITING_MAX, Connection
-from .protocol import OWN, pack_frame
+from .protocol import ProtocolError, pack_frame
 
 PACE_NS = NS_PER_MS
 """How long a channel with traffic is left alone at most."""
@@ -35,8 +34,6 @@ class Channel:
 
     ``bitrate_bit_s``, ``data_bitrate_bit_s``  as in BusModel
     ``start_ns``                               when the time of its bus begins [ns]
-
-    ``traffic_frames``  frames of the rest bus
     """
 
     def __init__(
@@ -50,11 +47,10 @@ class Channel:
         rest = RestBus(*traffic) if traffic.messages else None
         if rest is not None:
             rest.on_wire = self._on_wire
-        self._model = BusModel(bitrate_bit_s, data_bitrate_bit_s, FRAMES_WAITING_MAX, traffic=rest)
+        self._model = BusModel(bitrate_bit_s, data_bitrate_bit_s, traffic=rest)
         self._is_paced = rest is not None
         self._start_ns, self._pace_ns = (start_ns, start_ns) if self._is_paced else (0, NEVER_NS)
         self._of_traffic: list[Delivery] = []
-        self.traffic_frames = 0
 
     @property
     def next_event_ns(self) -> int:
@@ -76,20 +72,24 @@ class Channel:
         Raises ProtocolError for an invalid frame.
         """
         bus_ns = now_ns - self._start_ns
-        while (frame := client.next_frame()) is not None:
-            if not client.takes(frame):
-                client.put_back(frame)
-                return False
-            self._model.submit(frame, client.number, bus_ns)
-        return True
+        while client.waiting < FRAMES_WAITING_MAX:
+            frame = client.next_frame()
+            if frame is None:
+                return True
+            try:
+                self._model.submit(frame, client.number, bus_ns)
+            except ValueError as error:
+                raise ProtocolError(str(error)) from error
+            client.waiting += 1
+        return False
 
     def advance(self, now_ns: int) -> list[Delivery]:
         """Return what is complete, and free the places of the clients' frames in their buffers."""
         bus_ns = now_ns - self._start_ns
         completed = self._model.advance(bus_ns)
-        for _, sender, frame in completed:
+        for _, sender, _ in completed:
             if (member := self.members.get(sender)) is not None:
-                member.on_complete(frame)
+                member.waiting -= 1
         if not self._is_paced:
             return completed
         self._pace_ns = now_ns + PACE_NS
@@ -106,23 +106,13 @@ class Channel:
     def queue(self, delivery: Delivery, time_ns: int) -> None:
         """Queue a frame, complete at wall-clock time ``time_ns``, for all that want it."""
         _, sender, frame = delivery
-        packed: dict[Struct, bytes] = {}
         for member in self.members.values():
-            if not member.wants(frame, sender):
-                continue
-            record = member.record
-            if member.number == sender:
-                own = frame._replace(flags=frame.flags | OWN)
-                member.queue(pack_frame(record, own, time_ns))
-                continue
-            if record not in packed:
-                packed[record] = pack_frame(record, frame, time_ns)
-            member.queue(packed[record])
+            if member.wants(frame, sender):
+                member.queue(pack_frame(member.record_bytes, frame, time_ns))
 
     def leave(self, client: Connection) -> None:
         """Remove a client; its frames are still sent."""
         self.members.pop(client.number, None)
 
     def _on_wire(self, end_ns: int, sender: int, frame: Frame) -> None:
-        self.traffic_frames += 1
         self._of_traffic.append(Delivery(end_ns, sender, frame))

@@ -16,21 +16,19 @@ import can
 from can.bus import CanProtocol
 from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
-from ..frame import ERROR_STATE, REMOTE_LENGTH_SHIFT, Frame
-from ..frame.length_with_stuff_bits import padded_length
+from ..frame import Frame
+from ..frame.length_with_stuff_bits import frame_bits, padded_length
 from ..frame.message import frame_of, message_of
 from .address import AddressError, connect, default_address, parse_address
 from .protocol import (
     ANSWER,
-    OWN,
     Answer,
     Hello,
     ProtocolError,
-    check_frame,
     pack_frame,
-    record_format,
+    record_bytes,
     unpack_answer,
-    unpack_delivery,
+    unpack_frame,
 )
 
 DEFAULT_CHANNEL = "can0"
@@ -74,7 +72,7 @@ class EmulatedBus(can.BusABC):
         hello = Hello(str(channel), fd, receive_own_messages, bitrate or 0, data_bitrate or 0)
         self._socket, answer = join(hello, address)
         self._channel = hello.channel
-        self._record = record_format(fd)
+        self._record_bytes = record_bytes(fd)
         self._partial = b""
         # send_periodic sends from another thread.
         self._send_lock = threading.Lock()
@@ -92,7 +90,7 @@ class EmulatedBus(can.BusABC):
         """
         if msg.is_fd and self._can_protocol is not CanProtocol.CAN_FD:
             raise can.CanOperationError("a CAN FD frame needs a bus that was opened with fd=True")
-        raw = pack_frame(self._record, _sent_frame(msg))
+        raw = pack_frame(self._record_bytes, _sent_frame(msg))
         with self._send_lock:
             self._send_all(raw, timeout)
 
@@ -102,7 +100,7 @@ class EmulatedBus(can.BusABC):
         if raw is None:
             return None, False
         try:
-            frame, time_ns = unpack_delivery(self._record, raw)
+            frame, time_ns = unpack_frame(raw)
         except ProtocolError as error:
             raise can.CanOperationError(str(error)) from error
         return _received_message(frame, time_ns, self._channel), False
@@ -113,7 +111,7 @@ class EmulatedBus(can.BusABC):
             waits = timeout is None or timeout > 0
             if waits and not select.select([self._socket], [], [], timeout)[0]:
                 return None
-            received = self._socket.recv(self._record.size - len(self._partial))
+            received = self._socket.recv(self._record_bytes - len(self._partial))
         except BlockingIOError:
             return None
         except (OSError, ValueError) as error:
@@ -121,7 +119,7 @@ class EmulatedBus(can.BusABC):
         if not received:
             raise self._lost(None)
         self._partial += received
-        if len(self._partial) < self._record.size:
+        if len(self._partial) < self._record_bytes:
             return None
         raw, self._partial = self._partial, b""
         return raw
@@ -233,18 +231,14 @@ def _sent_frame(message: can.Message) -> Frame:
     Raises can.CanOperationError for an invalid frame.
     """
     frame = frame_of(message)
-    if message.error_state_indicator:
-        frame = frame._replace(flags=frame.flags | ERROR_STATE)
-    if message.is_remote_frame:
-        frame = frame._replace(flags=frame.flags | message.dlc << REMOTE_LENGTH_SHIFT)
-    elif message.is_fd:
+    if message.is_fd:
         # As SocketCAN does: CAN FD has no frame of nine bytes.
         size = padded_length(len(frame.data)) or 0
         frame = frame._replace(data=frame.data.ljust(size, b"\0"))
     try:
-        check_frame(frame)
-    except ProtocolError as error:
-        raise can.CanOperationError(f"not a frame that can be sent: {error}") from error
+        frame_bits(frame)
+    except ValueError as error:
+        raise can.CanOperationError(str(error)) from error
     return frame
 
 
@@ -252,8 +246,4 @@ def _received_message(frame: Frame, time_ns: int, channel: str) -> can.Message:
     message = message_of(frame)
     message.timestamp = time_ns * 1e-9
     message.channel = channel
-    message.is_rx = not frame.flags & OWN
-    message.error_state_indicator = bool(frame.flags & ERROR_STATE)
-    if message.is_remote_frame:
-        message.dlc = frame.flags >> REMOTE_LENGTH_SHIFT
     return message

@@ -10,7 +10,7 @@ the client's process, so "the socket is readable" means "a frame is waiting", as
 
     hello    magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 channel:64      client to broker
     answer   magic:8 bitrate:4 data_bitrate:4 reason:160                      broker to client
-    record   kind:1 flags:1 length:1 pad:1 can_id:4 time_ns:8 data:8 or 64    both ways
+    record   time_ns:8 frame:16 or 72, as Linux has it (``socketcan_layout``)  both ways
 
 All little-endian. Texts are UTF-8, filled up with zeros. A bit rate of 0 in a hello is "whatever
 the bus has". ``time_ns`` is the end of the frame in nanoseconds of the wall clock, 0 towards the
@@ -20,30 +20,23 @@ broker.
 from struct import Struct
 from typing import NamedTuple
 
-from ..frame import BITRATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE, REMOTE_LENGTH_SHIFT, Frame
-from ..frame.length_with_stuff_bits import DATA_LENGTH_CODE
+from ..frame import Frame
+from ..frame.socketcan_layout import CLASSIC_FRAME, FD_FRAME, is_fd, packed, unpacked
 
-MAGIC = b"emucan\x00\x05"
+MAGIC = b"emucan\x00\x06"
 """Name and version: both sides close on any other."""
 
 CHANNEL_BYTES_MAX = 64
 """Longest channel name, in UTF-8."""
 
-OWN = 64
-"""Flag next to those of ``runtime.frame``: the client that receives this frame sent it."""
-
-_FRAME = 1
-
 _HELLO_FD = 1
 _HELLO_RECEIVE_OWN = 2
 
-_SENDABLE = EXTENDED | REMOTE | FD | BITRATE_SWITCH | ERROR_STATE
-_FD_ONLY = BITRATE_SWITCH | ERROR_STATE
-
 HELLO = Struct(f"<8sB3xII{CHANNEL_BYTES_MAX}s")
 ANSWER = Struct("<8sII160s")
-CLASSIC_RECORD = Struct("<BBBxIq8s")
-FD_RECORD = Struct("<BBBxIq64s")
+_TIME = Struct("<q")
+CLASSIC_BYTES, FD_BYTES = _TIME.size + CLASSIC_FRAME.size, _TIME.size + FD_FRAME.size
+"""Sizes of a record."""
 
 
 class ProtocolError(Exception):
@@ -104,59 +97,23 @@ def unpack_answer(raw: bytes) -> Answer:
     return Answer(bitrate_bit_s, data_bitrate_bit_s, _text(reason))
 
 
-def record_format(fd: bool) -> Struct:
-    """Return the record of a connection with or without CAN FD."""
-    return FD_RECORD if fd else CLASSIC_RECORD
+def record_bytes(fd: bool) -> int:
+    """Return the size of the records of a connection with or without CAN FD."""
+    return FD_BYTES if fd else CLASSIC_BYTES
 
 
-def pack_frame(record: Struct, frame: Frame, time_ns: int = 0) -> bytes:
+def pack_frame(size: int, frame: Frame, time_ns: int = 0) -> bytes:
     """Return the record of a frame that ended at ``time_ns`` of the wall clock."""
-    can_id, data, flags = frame
-    length = len(data) or flags >> REMOTE_LENGTH_SHIFT
-    return record.pack(_FRAME, flags & 0xFF, length, can_id, time_ns, data)
+    return (_TIME.pack(time_ns) + packed(frame)).ljust(size, b"\0")
 
 
-def unpack_delivery(record: Struct, raw: bytes) -> tuple[Frame, int]:
-    """Read a frame that the broker delivers, and its end [ns]; raises ProtocolError."""
-    kind, flags, length, can_id, time_ns, data = record.unpack(raw)
-    if kind != _FRAME:
-        raise ProtocolError(f"unknown record {kind} from the broker")
-    return _frame(can_id, data, length, flags), time_ns
-
-
-def unpack_sent(record: Struct, raw: bytes) -> Frame:
-    """Read the frame that a client sends; raises ProtocolError for what cannot be on its bus."""
-    kind, flags, length, can_id, _, data = record.unpack(raw)
-    if kind != _FRAME:
-        raise ProtocolError(f"an unknown record {kind}")
-    frame = _frame(can_id, data, length, flags)
-    check_frame(frame)
-    if flags & FD and record is not FD_RECORD:
-        raise ProtocolError("a CAN FD frame from a client of classic frames")
-    return frame
-
-
-def check_frame(frame: Frame) -> None:
-    """Raise ProtocolError for a frame that no controller can send."""
-    can_id, data, flags = frame
-    remote_length = flags >> REMOTE_LENGTH_SHIFT
-    if flags & 0xFF & ~_SENDABLE or remote_length > 8:
-        raise ProtocolError(f"a frame with flags {flags:#x}")
-    if not 0 <= can_id <= (0x1FFF_FFFF if flags & EXTENDED else 0x7FF):
-        raise ProtocolError(f"a frame with identifier {can_id:#x}")
-    if flags & FD:
-        if flags & REMOTE or len(data) not in DATA_LENGTH_CODE:
-            raise ProtocolError(f"a CAN FD frame with {len(data)} bytes or a remote one")
-    elif len(data) > 8 or flags & _FD_ONLY:
-        raise ProtocolError("a classic frame with more than 8 bytes or with flags of CAN FD")
-
-
-def _frame(can_id: int, data: bytes, length: int, flags: int) -> Frame:
-    if length > len(data):
-        raise ProtocolError(f"a record with {length} bytes in {len(data)}")
-    if flags & REMOTE:
-        return Frame(can_id, b"", flags | length << REMOTE_LENGTH_SHIFT)
-    return Frame(can_id, data[:length], flags)
+def unpack_frame(raw: bytes) -> tuple[Frame, int]:
+    """Read the frame in a record, and its end [ns]; raises ProtocolError."""
+    (time_ns,), content = _TIME.unpack_from(raw), raw[_TIME.size :]
+    frame = unpacked(content if is_fd(content) else content[: CLASSIC_FRAME.size])
+    if pack_frame(len(raw), frame, time_ns) != raw:
+        raise ProtocolError("a record that holds no frame")
+    return frame, time_ns
 
 
 def _text(raw: bytes) -> str:

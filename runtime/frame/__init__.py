@@ -8,11 +8,9 @@ from .frame import (
     BITRATE_SWITCH,
     CLASSIC_LENGTH_MAX,
     ERROR,
-    ERROR_STATE,
     EXTENDED,
     FD,
     REMOTE,
-    REMOTE_LENGTH_SHIFT,
     Frame,
 )
 
@@ -20,10 +18,8 @@ __all__ = [
     "BITRATE_SWITCH",
     "CLASSIC_LENGTH_MAX",
     "ERROR",
-    "ERROR_STATE",
     "EXTENDED",
     "FD",
     "REMOTE",
-    "REMOTE_LENGTH_SHIFT",
     "Frame",
 ]

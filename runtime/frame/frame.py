@@ -16,10 +16,6 @@ FD = 8
 """CAN FD frame (ISO 11898-1:2015)."""
 BITRATE_SWITCH = 16
 """CAN FD frame whose data phase runs at the data bit rate."""
-ERROR_STATE = 32
-"""CAN FD frame whose sender is error passive (ESI recessive)."""
-REMOTE_LENGTH_SHIFT = 8
-"""The flags of a remote frame hold, from this bit on, the length that it asks for [bytes]."""
 CLASSIC_LENGTH_MAX = 8
 """Longest payload of a frame without FD [bytes]."""
 
@@ -29,8 +25,7 @@ class Frame(NamedTuple):
 
     ``can_id``  identifier without format bits, 0 to 0x7FF (or 0x1FFFFFFF with EXTENDED)
     ``data``    payload, 0 to 8 bytes (up to 64 with FD)
-    ``flags``   sum of EXTENDED, REMOTE, ERROR, FD, BITRATE_SWITCH; on a bus also of ERROR_STATE, or
-                of a remote frame's length
+    ``flags``   sum of EXTENDED, REMOTE, ERROR, FD, BITRATE_SWITCH
     """
 
     can_id: int

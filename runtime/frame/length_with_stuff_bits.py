@@ -26,11 +26,9 @@ from typing import Any, NamedTuple, TypeAlias
 from .frame import (
     BITRATE_SWITCH,
     ERROR,
-    ERROR_STATE,
     EXTENDED,
     FD,
     REMOTE,
-    REMOTE_LENGTH_SHIFT,
     Frame,
 )
 
@@ -179,14 +177,14 @@ def frame_bits(frame: Frame) -> FrameBits:
     if not flags and len(data) == 8:
         return FrameBits(bits_of_eight_bytes(can_id, data), 0)
     limit = 0x1FFFFFFF if flags & EXTENDED else _BASE_ID_MAX
-    dlc = DATA_LENGTH_CODE.get(len(data)) if not flags & REMOTE else flags >> REMOTE_LENGTH_SHIFT
+    dlc = DATA_LENGTH_CODE.get(len(data))
     if not 0 <= can_id <= limit or dlc is None or flags & ERROR:
         raise ValueError(f"not a frame that can be sent: {frame}")
     if flags & FD:
         if flags & REMOTE:
             raise ValueError(f"CAN FD has no remote frames: {frame}")
         return _fd_bits(can_id, data, dlc, flags)
-    if dlc > 8 or (flags & REMOTE and data) or flags & (BITRATE_SWITCH | ERROR_STATE):
+    if dlc > 8 or (flags & REMOTE and data) or flags & BITRATE_SWITCH:
         raise ValueError(f"not a classic frame: {frame}")
     return FrameBits(_classic_bits(can_id, data, dlc, flags), 0)
 
@@ -255,7 +253,6 @@ def _fd_bits(can_id: int, data: bytes, dlc: int, flags: int) -> FrameBits:
     brs = 1 if flags & BITRATE_SWITCH else 0
     # The last byte of the header is FDF, res, BRS, ESI, DLC.
     control = 1 << 7 | brs << 5
-    code = (1 << 4 if flags & ERROR_STATE else 0) | dlc
     if flags & EXTENDED:
         unstuffed_until_brs = _FD_UNTIL_BRS_EXTENDED
         head = 0b1010101 << 41 | _extended_identifier(can_id) << 9 | control
@@ -267,7 +264,7 @@ def _fd_bits(can_id: int, data: bytes, dlc: int, flags: int) -> FrameBits:
     # Without ESI and DLC no run of five ends behind a recessive BRS, so what is counted up to there
     # was inserted before it.
     header_stuff = _stuff_bits(header)
-    whole = header[:-1] + bytes([header[-1] | code]) + data
+    whole = header[:-1] + bytes([header[-1] | dlc]) + data
     payload_stuff = _stuff_bits(whole) - header_stuff
     until_brs = unstuffed_until_brs + header_stuff
     after_brs = _ESI_AND_DLC_BITS + 8 * len(data) + payload_stuff + _fd_check_bits(data)

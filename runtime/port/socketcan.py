@@ -20,7 +20,8 @@ from contextlib import suppress
 from can.typechecking import CanFilter
 
 from ..exit_status import BusError, cause_of
-from ..frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from ..frame import FD, Frame
+from ..frame.socketcan_layout import EFF_FLAG, FD_FRAME, packed, unpacked
 from ..node import NS_PER_S
 from ..node.real_time_loop import Received
 
@@ -28,12 +29,8 @@ from ..node.real_time_loop import Received
 _AF_CAN, _CAN_RAW, _SOL_CAN_RAW = 29, 1, 101
 _CAN_RAW_FILTER, _CAN_RAW_ERR_FILTER, _CAN_RAW_FD_FRAMES = 1, 2, 5
 _SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
-_EFF_FLAG, _RTR_FLAG, _ERR_FLAG = 0x8000_0000, 0x4000_0000, 0x2000_0000
-_SFF_MASK, _EFF_MASK, _ERR_MASK = 0x7FF, 0x1FFF_FFFF, 0x1FFF_FFFF
-_FD_BRS, _FD_MARK = 0x01, 0x04
+_ERR_MASK = 0x1FFF_FFFF
 
-_CLASSIC = struct.Struct("=IB3x8s")
-_FD_FRAME = struct.Struct("=IBB2x64s")
 _FILTER = struct.Struct("=II")
 _TIMESPEC = struct.Struct("@ll")
 _COUNT = struct.Struct("=I")
@@ -91,7 +88,7 @@ class SocketCanPort:
             # Without waiting, one system call is enough.
             if timeout_s > 0.0 and not select.select([self._socket], [], [], timeout_s)[0]:
                 return None
-            raw, ancillary, _, _ = self._socket.recvmsg(_FD_FRAME.size, _ANCILLARY_BYTES)
+            raw, ancillary, _, _ = self._socket.recvmsg(FD_FRAME.size, _ANCILLARY_BYTES)
         except BlockingIOError:
             return None
         except (OSError, ValueError) as error:
@@ -171,43 +168,6 @@ def wall_minus_monotonic_ns() -> int:
     return min(readings)[1]
 
 
-def packed(frame: Frame) -> bytes:
-    """Return ``frame`` as the kernel's ``struct can_frame`` or ``struct canfd_frame``.
-
-    Raises ValueError for a payload that does not fit.
-    """
-    can_id, data, flags = frame
-    if len(data) > (64 if flags & FD else 8):
-        raise ValueError(f"{len(data)} bytes are too many for a frame")
-    if flags:
-        can_id |= (flags & EXTENDED and _EFF_FLAG) | (flags & REMOTE and _RTR_FLAG)
-        can_id |= flags & ERROR and _ERR_FLAG
-        if flags & FD:
-            fd_flags = _FD_MARK | (_FD_BRS if flags & BITRATE_SWITCH else 0)
-            return _FD_FRAME.pack(can_id, len(data), fd_flags, data)
-    return _CLASSIC.pack(can_id, len(data), data)
-
-
-def unpacked(raw: bytes) -> Frame:
-    """Return the frame of the kernel's structure."""
-    flags = 0
-    if len(raw) == _CLASSIC.size:
-        can_id, length, data = _CLASSIC.unpack(raw)
-    else:
-        can_id, length, fd_flags, data = _FD_FRAME.unpack(raw)
-        flags = FD | (BITRATE_SWITCH if fd_flags & _FD_BRS else 0)
-    if can_id <= _SFF_MASK:
-        return Frame(can_id, data[:length], flags)
-    if can_id & _ERR_FLAG:
-        return Frame(can_id & _ERR_MASK, data[:length], flags | ERROR)
-    if can_id & _RTR_FLAG:
-        # Its length is the requested one; there is no payload.
-        flags, length = flags | REMOTE, 0
-    if can_id & _EFF_FLAG:
-        return Frame(can_id & _EFF_MASK, data[:length], flags | EXTENDED)
-    return Frame(can_id & _SFF_MASK, data[:length], flags)
-
-
 def packed_filters(filters: Sequence[CanFilter] | None) -> bytes:
     """Return ``filters`` as an array of the kernel's ``struct can_filter``.
 
@@ -220,8 +180,8 @@ def packed_filters(filters: Sequence[CanFilter] | None) -> bytes:
         for wanted in filters:
             can_id, mask = wanted["can_id"], wanted["can_mask"]
             if "extended" in wanted:
-                mask |= _EFF_FLAG
-                can_id |= _EFF_FLAG if wanted["extended"] else 0
+                mask |= EFF_FLAG
+                can_id |= EFF_FLAG if wanted["extended"] else 0
             entries.append(_FILTER.pack(can_id & 0xFFFF_FFFF, mask & 0xFFFF_FFFF))
     except (KeyError, TypeError, struct.error) as error:  # from configuration files
         raise ValueError(f"{filters!r} is no list of {{can_id, can_mask}} of integers") from error

@@ -107,16 +107,15 @@ def _hello(choices: Choices) -> bytes:
 
 
 def _records(choices: Choices) -> bytes:
-    record = protocol.CLASSIC_RECORD if choices.chance(160) else protocol.FD_RECORD
+    size = protocol.CLASSIC_BYTES if choices.chance(160) else protocol.FD_BYTES
     kind = choices.integer(0, 4)
     if kind < 3:
         frame = Sender().frame(choices)
-        length_max = 8 if record.size < 80 else 64
-        raw = protocol.pack_frame(record, frame._replace(data=frame.data[:length_max]))
+        length_max = 8 if size < protocol.FD_BYTES else 64
+        raw = protocol.pack_frame(size, frame._replace(data=frame.data[:length_max]))
         raw *= choices.integer(1, 80)
     elif kind == 3:
-        head = (choices.integer(0, 2), *choices.raw(2), choices.integer(0, 2**32 - 1))
-        raw = record.pack(*head, 0, choices.raw(64))
+        raw = bytes(8) + choices.raw(6) + bytes(2) + choices.raw(size - 16)
     else:
         raw = choices.raw(choices.integer(0, 200))
     return raw[: choices.integer(0, len(raw))] if choices.chance(16) else raw

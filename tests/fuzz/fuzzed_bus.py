@@ -6,6 +6,7 @@ from contextlib import ExitStack, suppress
 from steer_by_wire.runtime.emulated_bus import protocol
 from steer_by_wire.runtime.emulated_bus.broker import CLIENTS_MAX
 from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS
 from tests.support.programs.broker_bench import Bench, send
 
@@ -68,11 +69,11 @@ class FuzzedBus:
             received = self._listener.recv(1 << 16)
             assert received, "the broker has dropped the receiver"
             self._raw += received
-        record = protocol.CLASSIC_RECORD
-        while len(self._raw) >= record.size:
-            frame, _ = protocol.unpack_delivery(record, self._raw[: record.size])
-            self._raw = self._raw[record.size :]
-            protocol.check_frame(frame)
+        size = protocol.CLASSIC_BYTES
+        while len(self._raw) >= size:
+            frame, _ = protocol.unpack_frame(self._raw[:size])
+            self._raw = self._raw[size:]
+            frame_bits(frame)
             if self._is_ours(frame):
                 self._received.append(frame)
 

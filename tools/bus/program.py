@@ -2,8 +2,8 @@
 
 Prints a line to standard output when clients can connect, and to standard error a line for every
 client that it disconnects, and one with the statistics at the end. Exit status: 0 after an orderly
-end, 2 for wrong arguments or settings, 3 if it cannot listen or serve, 4 if the report cannot be
-written, 130 if it is interrupted before it listens.
+end, 2 for wrong arguments or settings, 3 if it cannot listen or serve, 130 if it is interrupted
+before it listens.
 """
 
 import argparse
@@ -17,13 +17,7 @@ from contextlib import contextmanager
 from functools import partial
 
 from ...runtime.bus_model.settings import BusSettings
-from ...runtime.command_line import (
-    add_json_argument,
-    command_parser,
-    ending_signals,
-    run_main,
-    whole_number,
-)
+from ...runtime.command_line import command_parser, ending_signals, run_main, whole_number
 from ...runtime.emulated_bus.address import (
     Address,
     AddressError,
@@ -33,7 +27,6 @@ from ...runtime.emulated_bus.address import (
     parse_address,
 )
 from ...runtime.emulated_bus.broker import Broker
-from ...runtime.emulated_bus.broker_report import broker_report, summary_line
 from ...runtime.emulated_bus.channel import NO_TRAFFIC, Traffic
 from ...runtime.exit_status import ExitStatus, cause_of
 from ...runtime.program.bus_options import (
@@ -77,23 +70,13 @@ def _serve(
     bitrate_bit_s: int,
     traffic: Traffic,
 ) -> None:
-    """Serve until a signal or the end of standard input, and report.
-
-    Raises AddressError if the bus has failed, OSError if the report cannot be written.
-    """
+    """Serve until a signal or the end of standard input; raises AddressError if it has failed."""
     if isinstance(address, TcpAddress):
         address = TcpAddress(*listener.getsockname())
     rates = f"{bitrate_bit_s} bit/s"
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
-    broker = Broker(
-        listener,
-        bitrate_bit_s,
-        options.data_bitrate,
-        _print_line,
-        traffic=traffic,
-    )
-    failure = ""
+    broker = Broker(listener, bitrate_bit_s, options.data_bitrate, _print_line, traffic=traffic)
     with _first_signal() as signalled:
         start_ns = time.monotonic_ns()
         print(f"{NAME}: listening at {address}, {rates}", flush=True)
@@ -102,16 +85,9 @@ def _serve(
             with real_time(RealTimeRequest(options.priority)):
                 broker.run(ends)
         except OSError as error:
-            failure = f"the bus at {address} has failed: {cause_of(error)}"
-        report = broker_report(broker, time.monotonic_ns() - start_ns)
-        _print_line(summary_line(report))
-        if options.json is not None:
-            # Not at the top: it imports python-can, which the broker does not need.
-            from ...runtime.program.report import write_json
-
-            write_json(options.json, report)
-    if failure:
-        raise AddressError(failure)
+            raise AddressError(f"the bus at {address} has failed: {cause_of(error)}") from error
+        finally:
+            _print_line(broker.summary(time.monotonic_ns() - start_ns))
 
 
 @contextmanager
@@ -173,7 +149,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--priority", type=priority, default=50, metavar="0..99",
         help="SCHED_FIFO priority, if the host grants it (default: %(default)s)",
     )  # fmt: skip
-    add_json_argument(parser, shows=False)
     add_traffic_arguments(parser)
     parser.add_argument(
         "--seed", type=whole_number(0, 2**63 - 1), default=1, metavar="N",

@@ -1,13 +1,12 @@
 """Clients that join and leave the broker: the others keep their frames; each end is reported."""
 
-import pytest
-
 from steer_by_wire.runtime.emulated_bus.broker_connection import Cause
-from steer_by_wire.runtime.emulated_bus.broker_report import broker_report, summary_line
-from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
+from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_BYTES, HELLO, Hello
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.node import NS_PER_S
 from tests.support.programs.broker_bench import (
+    BITRATE_BIT_S,
     CLASSIC_FRAME_NS,
     Bench,
     received,
@@ -51,36 +50,28 @@ def test_each_disconnection_is_one_line_and_is_counted(bench: Bench) -> None:
         "it ends in the middle of a record",
         "refused: it carries classic frames only; start it with --data-bitrate for CAN FD",
     ]
-    report = broker_report(bench.broker, NS_PER_S)
-    assert report["clients"]["disconnected"] == {
-        "left": 1, "lost": 1, "refused": 1, "garbage": 1, "not_reading": 0
-    }  # fmt: skip
-    assert report["clients"]["served"] == 4
-    assert "disconnected: 1 lost, 1 refused, 1 garbage" in summary_line(report)
+    assert bench.gone(Cause.LEFT) == 1
+    said = bench.broker.summary(NS_PER_S)
+    assert said.endswith("4 clients, 1 at once; disconnected: 1 lost, 1 refused, 1 garbage")
 
 
 def test_a_name_cannot_forge_a_line(bench: Bench) -> None:
     client = bench.join("can0\nsteer-by-wire bus: all is well")
-    client.sendall(bytes(CLASSIC_RECORD.size))
+    client.sendall(b"\xff" * CLASSIC_BYTES)
     bench.step()
     (line,) = bench.lines
     assert "\n" not in line
 
 
-def test_the_report_holds_load_and_lateness(bench: Bench) -> None:
+def test_the_summary_holds_the_load(bench: Bench) -> None:
     one, other = bench.join(), bench.join()
     send(one, Frame(0x200, bytes(8)))
     send(other, Frame(0x100, bytes(8)), Frame(0x300, bytes(8)))
     bench.step()
     bench.advance(4 * CLASSIC_FRAME_NS)
-    report = broker_report(bench.broker, bench.now_ns)
-    channel = report["channels"]["can0"]
-    assert channel["frames"] == 3
-    assert 0.4 < channel["load"] < 1.0
-    assert 0.0 <= report["lateness"]["max_s"] <= CLASSIC_FRAME_NS * 1e-9
-    bench.now_ns += 50 * NS_PER_MS
-    send(one, Frame(0x200, bytes(8)))
-    bench.step()
-    bench.now_ns += 50 * NS_PER_MS  # the broker is stopped over the end of the frame
-    bench.step()
-    assert bench.broker.lateness.max_ns == pytest.approx(50 * NS_PER_MS, abs=CLASSIC_FRAME_NS)
+    busy_ns = sum(
+        NS_PER_S // BITRATE_BIT_S * (INTERMISSION_BITS + sum(frame_bits(one)))
+        for one in (Frame(0x100, bytes(8)), Frame(0x200, bytes(8)), Frame(0x300, bytes(8)))
+    )
+    said = bench.broker.summary(NS_PER_S)
+    assert said == f"ran 1.0 s; can0 3 frames, load {busy_ns / NS_PER_S:.1%}; 2 clients, 2 at once"

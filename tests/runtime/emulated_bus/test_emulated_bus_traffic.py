@@ -16,7 +16,7 @@ from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.emulated_bus.broker_connection import Connection
 from steer_by_wire.runtime.emulated_bus.channel import Channel, Traffic
 from steer_by_wire.runtime.emulated_bus.protocol import (
-    CLASSIC_RECORD,
+    CLASSIC_BYTES,
     Hello,
     pack_frame,
 )
@@ -85,7 +85,7 @@ def on_a_channel(
             advance(channel.next_event_ns)
         advance(start_ns + time_ns)
         if sender:
-            ends[sender][1].sendall(pack_frame(CLASSIC_RECORD, frame))
+            ends[sender][1].sendall(pack_frame(CLASSIC_BYTES, frame))
             clients[sender].read()
             assert channel.submit(clients[sender], start_ns + time_ns)
     for inside, outside in ends.values():

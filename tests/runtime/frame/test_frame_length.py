@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 from steer_by_wire.runtime.frame import (
     BITRATE_SWITCH,
     ERROR,
-    ERROR_STATE,
     EXTENDED,
     FD,
     REMOTE,
-    REMOTE_LENGTH_SHIFT,
     Frame,
 )
 from steer_by_wire.runtime.frame.length_with_stuff_bits import (
@@ -90,21 +88,13 @@ def test_classic_lengths_are_those_of_stuffing_bit_by_bit(
     assert frame_bits(Frame(can_id, data, flags)) == (length, 0)
 
 
-@pytest.mark.parametrize("length", range(9))
-def test_a_remote_frame_sends_the_length_that_it_asks_for(length: int) -> None:
+@pytest.mark.parametrize("can_id", [0, 0x100, 0x555, 0x7FF])
+def test_a_remote_frame_is_recessive_in_rtr(can_id: int) -> None:
     # SOF, identifier, RTR recessive, IDE and r0 dominant, DLC, CRC; then delimiters, ACK and EOF.
-    for can_id in (0, 0x100, 0x555, 0x7FF):
-        head = f"0{can_id:011b}100{length:04b}"
-        crc = crc15(int(head, 2).to_bytes(3, "big"))
-        frame = Frame(can_id, b"", REMOTE | length << REMOTE_LENGTH_SHIFT)
-        assert frame_bits(frame) == (len(stuff(f"{head}{crc:015b}")) + 1 + 2 + 7, 0)
-
-
-def test_an_error_passive_sender_is_recessive_in_esi() -> None:
-    # BRS, ESI and three bits of the DLC (1111) then are a run of five, with one more stuff bit.
-    frame = Frame(0x555, b"\x55" * 64, FD | BITRATE_SWITCH)
-    active, passive = frame_bits(frame), frame_bits(frame._replace(flags=frame.flags | ERROR_STATE))
-    assert passive == (active.nominal, active.data + 1)
+    head = f"0{can_id:011b}1000000"
+    crc = crc15(int(head, 2).to_bytes(3, "big"))
+    length = len(stuff(f"{head}{crc:015b}")) + 1 + 2 + 7
+    assert frame_bits(Frame(can_id, b"", REMOTE)) == (length, 0)
 
 
 def test_an_fd_frame_has_its_fixed_stuff_bit_after_the_payload() -> None:
@@ -124,8 +114,6 @@ def test_an_fd_frame_has_its_fixed_stuff_bit_after_the_payload() -> None:
         Frame(1, bytes(65), FD),
         Frame(1, b"\0", REMOTE),
         Frame(1, b"", REMOTE | FD),
-        Frame(1, b"", REMOTE | 9 << REMOTE_LENGTH_SHIFT),
-        Frame(1, b"", ERROR_STATE),
         Frame(1, b"", BITRATE_SWITCH),
         Frame(4, bytes(8), ERROR),
     ],

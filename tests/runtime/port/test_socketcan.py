@@ -13,14 +13,13 @@ import pytest
 from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame.message import frame_of
+from steer_by_wire.runtime.frame.socketcan_layout import packed, unpacked
 from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.port import socketcan
 from steer_by_wire.runtime.port.socketcan import (
     ArrivalClock,
     SocketCanPort,
-    packed,
     packed_filters,
-    unpacked,
 )
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has SocketCAN")

@@ -14,11 +14,11 @@ from steer_by_wire.runtime.emulated_bus.broker_connection import Cause
 from steer_by_wire.runtime.emulated_bus.channel import NO_TRAFFIC, Traffic
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
-    CLASSIC_RECORD,
+    CLASSIC_BYTES,
     Hello,
     pack_frame,
     unpack_answer,
-    unpack_delivery,
+    unpack_frame,
 )
 from steer_by_wire.runtime.frame import Frame
 
@@ -95,7 +95,7 @@ def bench() -> Iterator[Bench]:
 
 
 def send(client: socket.socket, *frames: Frame) -> None:
-    client.sendall(b"".join(pack_frame(CLASSIC_RECORD, frame) for frame in frames))
+    client.sendall(b"".join(pack_frame(CLASSIC_BYTES, frame) for frame in frames))
 
 
 def received(client: socket.socket) -> list[Frame]:
@@ -109,11 +109,8 @@ def received(client: socket.socket) -> list[Frame]:
         if not part:
             break
         raw += part
-    size = CLASSIC_RECORD.size
-    return [
-        unpack_delivery(CLASSIC_RECORD, raw[start : start + size])[0]
-        for start in range(0, len(raw), size)
-    ]
+    size = CLASSIC_BYTES
+    return [unpack_frame(raw[start : start + size])[0] for start in range(0, len(raw), size)]
 
 
 def assert_bus_is_well(bench: Bench, one: socket.socket, other: socket.socket) -> None:
