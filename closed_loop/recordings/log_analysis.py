@@ -34,24 +34,42 @@ _FROM_PLANT = (
     messages.PlantStatus,
 )
 
-HISTORIES: Mapping[str, tuple[str, str]] = {
-    "lateral_error_m": ("LATERAL_ERROR", "lateral_error_m"),
-    "heading_error_rad": ("LATERAL_ERROR", "heading_error_rad"),
-    "steer_rad": ("STEERING_COMMAND", "steer_rad"),
-    "wheel_angle_rad": ("STEERING_STATUS", "wheel_angle_rad"),
-    "speed_m_s": ("VEHICLE_STATE", "speed_m_s"),
-    "yaw_rate_rad_s": ("VEHICLE_STATE", "yaw_rate_rad_s"),
-    "disturbance_rad": ("CONTROLLER_STATUS", "disturbance_rad"),
-    "network_disturbance_rad": ("CONTROLLER_STATUS", "network_disturbance_rad"),
-    "echo_delay_s": ("DELAY_STATUS", "echo_delay_s"),
-    "steering_lag_s": ("MODEL_STATUS", "steering_lag_s"),
-    "virtual_mass_kg": ("MODEL_STATUS", "virtual_mass_kg"),
-    "hand_wheel_angle_rad": ("HAND_WHEEL_STATE", "hand_wheel_angle_rad"),
-    "driver_torque_n_m": ("HAND_WHEEL_STATE", "driver_torque_n_m"),
-    "applied_torque_n_m": ("HAND_WHEEL_STATUS", "applied_torque_n_m"),
-    "rack_force_n": ("STEERING_FORCE", "rack_force_n"),
+
+class Signal(NamedTuple):
+    """A signal with figures and pictures.
+
+    ``kind``    message whose field has the signal's name; None where it is computed from several
+    ``text``    in a report, where ``per_si`` of its ``unit`` make the SI unit
+    """
+
+    kind: type[messages.Message] | None
+    text: str
+    unit: str
+    per_si: float
+
+
+_ERROR, _STATE, _STATUS = messages.LateralError, messages.VehicleState, messages.ControllerStatus
+CG_DEVIATION = "cg_deviation_m"
+"""Sent in GROUND_TRUTH, or computed from several messages and the way driven between them."""
+SIGNALS: Mapping[str, Signal] = {
+    "lateral_error_m": Signal(_ERROR, "lateral error, preview point", "mm", 1e3),
+    "heading_error_rad": Signal(_ERROR, "heading error", "mrad", 1e3),
+    "steer_rad": Signal(messages.SteeringCommand, "steer, commanded", "mrad", 1e3),
+    "wheel_angle_rad": Signal(messages.SteeringStatus, "wheel angle", "mrad", 1e3),
+    "speed_m_s": Signal(_STATE, "speed", "m/s", 1.0),
+    "yaw_rate_rad_s": Signal(_STATE, "yaw rate", "mrad/s", 1e3),
+    "disturbance_rad": Signal(_STATUS, "disturbance, estimated", "mrad", 1e3),
+    "network_disturbance_rad": Signal(_STATUS, "network disturbance, estimated", "mrad", 1e3),
+    "echo_delay_s": Signal(messages.DelayStatus, "delay down and up, by echo", "ms", 1e3),
+    "steering_lag_s": Signal(messages.ModelStatus, "steering lag that the law takes", "ms", 1e3),
+    "virtual_mass_kg": Signal(messages.ModelStatus, "virtual mass that the law takes", "kg", 1.0),
+    "hand_wheel_angle_rad": Signal(messages.HandWheelState, "hand wheel", "rad", 1.0),
+    "driver_torque_n_m": Signal(messages.HandWheelState, "torque of the driver", "N m", 1.0),
+    "applied_torque_n_m": Signal(messages.HandWheelStatus, "torque of the feedback", "N m", 1.0),
+    "rack_force_n": Signal(messages.SteeringForce, "force on the rack", "N", 1.0),
+    CG_DEVIATION: Signal(None, "centre of gravity off the path", "mm", 1e3),
 }
-"""Signals with figures and pictures: their message in the DBC, and the field."""
+"""By the name of the field."""
 COUNTED: Mapping[str, tuple[type[messages.Message], str]] = {
     "skipped_ticks": (messages.ControllerStatus, "skipped_ticks"),
     "controller_lost": (messages.ControllerSafety, "lost"),
@@ -60,17 +78,6 @@ COUNTED: Mapping[str, tuple[type[messages.Message], str]] = {
     "plant_rejected": (messages.PlantStatus, "rejected"),
 }
 """Counts that the nodes report: their message and the field."""
-_COUNTED_IN = {
-    kind: [
-        (name, field, int(messages.limits(kind)[field].maximum) + 1)
-        for name, (of, field) in COUNTED.items()
-        if of is kind
-    ]
-    for kind, _ in COUNTED.values()
-}
-"""Name, field and modulus of each: a count comes back to 0 after the maximum of its signal."""
-CG_DEVIATION = "cg_deviation_m"
-"""One more: sent in GROUND_TRUTH, or computed from several messages and the way driven between."""
 
 
 class LoggedMessages(NamedTuple):
@@ -111,12 +118,12 @@ class LogAnalysis:
         self._is_ours, self._applies_unseen = self.listener.listening is OUR_MESSAGES, False
         """Whether a STEERING_STATUS names a command, which a car's cannot."""
         self.latencies = Latencies()
-        self.histories = {name: History() for name in (*HISTORIES, CG_DEVIATION)}
+        self.histories = {name: History() for name in SIGNALS}
         self._cg, self._cg_m = CgDeviation(preview_m), math.nan
         self.cycles = defaultdict[str, Durations](Durations)
-        self._by_message: dict[str, list[tuple[str, str]]] = {}
-        for label, (name, field) in HISTORIES.items():
-            self._by_message.setdefault(name, []).append((label, field))
+        self._fields = defaultdict[type | None, list[str]](list)
+        for name, signal in SIGNALS.items():
+            self._fields[signal.kind].append(name)
         self._axis = TimeAxis()
         self._frames = 0
         self._newest_ns: dict[str, int] = {}
@@ -144,8 +151,8 @@ class LogAnalysis:
         return LoggedMessages(time_ns, at_s, timely, of_car, frame)
 
     def _follow(self, shown: messages.Message, at_s: float, since_ns: int | None) -> None:
-        for label, field in self._by_message.get(NAMES[type(shown)], ()):
-            self.histories[label].add(at_s, getattr(shown, field))
+        for name in self._fields.get(type(shown), ()):
+            self.histories[name].add(at_s, getattr(shown, name))
         cg_m = self._cg.on_message(shown, at_s)
         if not math.isnan(cg_m):
             self._cg_m = cg_m
@@ -239,10 +246,12 @@ class LogAnalysis:
 
     def _watch(self, message: messages.Message, since_ns: int | None) -> None:
         """Follow modes, law, and the counts that the nodes report."""
-        for name, field, modulus in _COUNTED_IN.get(type(message), ()):
-            count = getattr(message, field)
-            self._advanced[name] += (count - self._counts.get(name, count)) % modulus
-            self._counts[name] = count
+        for name, (kind, field) in COUNTED.items():
+            if kind is type(message):
+                count, most = getattr(message, field), int(messages.limits(kind)[field].maximum)
+                # After the maximum of its signal a count comes back to 0.
+                self._advanced[name] += (count - self._counts.get(name, count)) % (most + 1)
+                self._counts[name] = count
         if isinstance(message, messages.ControllerStatus):
             self._laws[messages.LawNumber(message.law).name] = None
         if (

@@ -169,18 +169,18 @@ def _analyse(
         for hint in language.car.of_other_addresses(foreign) if language.car else ():
             say(NAME, f"warning: {paths[0]}: {hint}", sys.stderr)
         # Only a report needs matplotlib, and an error in the file should be reported before that.
-        from steer_by_wire.tools.analyze.pictures import draw_pictures, draw_smoothed
+        from steer_by_wire.tools.analyze.pictures import draw_pictures
 
+        pictures = draw_pictures(analysis, figures)
         if smoothed:
-            from steer_by_wire.tools.analyze.smoothing import delay_of
+            from steer_by_wire.tools.analyze.smoothing import delay_of, draw_smoothed
 
             figures["smoothed"] = smoothed[0].figures | delay_of(figures["latency"]["round_trip"])
+            pictures.append(draw_smoothed(smoothed[0]))
         write_text(partial / _SOURCE, source)
         write_json(partial / "figures.json", figures)
         title = f"Log of the bus: {', '.join(path.name for path in paths)}"
-        pictures = [*draw_pictures(analysis, figures), *map(draw_smoothed, smoothed)]
-        page = report_html(title, figures, pictures)
-        write_text(partial / "report.html", page)
+        write_text(partial / "report.html", report_html(title, figures, pictures))
     return Result(figures, folder)
 
 

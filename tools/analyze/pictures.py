@@ -1,7 +1,7 @@
-"""The pictures of the page about one log: deviation and steer, latency, smoothed."""
+"""The pictures of the page about one log: deviation and steer, latency."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,9 +12,6 @@ from ...closed_loop.reports.law_colours import COLOURS
 from ...closed_loop.reports.page import Picture
 from ...closed_loop.reports.plot_style import plot_style, png_of
 
-if TYPE_CHECKING:
-    from .smoothing import SmoothedTable
-
 _CURVES = {
     "round_trip": "round trip",
     "downlink": "commands, latency and wait",
@@ -22,15 +19,6 @@ _CURVES = {
 }
 ORANGE, BLUE, GREEN, PURPLE, *_ = COLOURS
 WIDTH_IN = 10.5
-SMOOTHED = {
-    "side_slip_rad": ("side slip [mrad]", 1e3),
-    "yaw_rate_rad_s": ("yaw rate [mrad/s]", 1e3),
-    "heading_error_rad": ("heading error [mrad]", 1e3),
-    "lateral_error_m": ("preview point [mm]", 1e3),
-    "curvature_1_m": ("curvature [1/km]", 1e3),
-    "steering_offset_rad": ("steering offset [mrad]", 1e3),
-}
-"""Axis of each smoothed column, and how many of its unit make the SI unit."""
 
 
 def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> list[Picture]:
@@ -103,21 +91,3 @@ def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure |
     right.set(xlabel="latency [ms]", ylabel="share of frames below [%]", ylim=(0.0, 100.0))
     right.set_xlim(left=0.0)
     return figure
-
-
-def draw_smoothed(table: "SmoothedTable") -> Picture:
-    """Draw what the smoother found, each with a band of two standard deviations."""
-    with plot_style():
-        figure = Figure(figsize=(WIDTH_IN, 10.8))
-        every = figure.subplots(len(SMOOTHED), 1, sharex=True)
-        columns = zip(SMOOTHED.values(), table.values.T, table.deviations.T, strict=True)
-        for axes, ((label, scale), value, deviation) in zip(every, columns, strict=True):
-            middle, half = scale * value, 2.0 * scale * deviation
-            axes.plot(table.time_s, middle, color=BLUE, lw=1.0)
-            low, high = axes.get_ylim()
-            axes.fill_between(table.time_s, middle - half, middle + half, color=BLUE, alpha=0.25)
-            # A band that is wide at the ends does not hide the line.
-            margin = 2.0 * float(np.median(half))
-            axes.set(ylabel=label, ylim=(low - margin, high + margin))
-        every[-1].set_xlabel("time since the first frame [s]")
-        return Picture(png_of(figure), "Smoothed: estimate and two standard deviations")

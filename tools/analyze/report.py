@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from ...closed_loop.recordings.log_analysis import SIGNALS
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from ...plant_emulator.evaluation.report_in_words import verdict_text
 
@@ -13,25 +14,6 @@ LATENCY_ROWS = {
     "uplink": "measurements, latency: from the sample to the bus",
     "round_trip": "round trip: command on the bus to its first echo on the bus",
 }
-SIGNAL_NAMES = {
-    "lateral_error_m": ("lateral error, preview point", "mm", 1e3),
-    "cg_deviation_m": ("centre of gravity off the path", "mm", 1e3),
-    "heading_error_rad": ("heading error", "mrad", 1e3),
-    "steer_rad": ("steer, commanded", "mrad", 1e3),
-    "wheel_angle_rad": ("wheel angle", "mrad", 1e3),
-    "speed_m_s": ("speed", "m/s", 1.0),
-    "yaw_rate_rad_s": ("yaw rate", "mrad/s", 1e3),
-    "disturbance_rad": ("disturbance, estimated", "mrad", 1e3),
-    "network_disturbance_rad": ("network disturbance, estimated", "mrad", 1e3),
-    "echo_delay_s": ("delay down and up, by echo", "ms", 1e3),
-    "steering_lag_s": ("steering lag that the law takes", "ms", 1e3),
-    "virtual_mass_kg": ("virtual mass that the law takes", "kg", 1.0),
-    "hand_wheel_angle_rad": ("hand wheel", "rad", 1.0),
-    "driver_torque_n_m": ("torque of the driver", "N m", 1.0),
-    "applied_torque_n_m": ("torque of the feedback", "N m", 1.0),
-    "rack_force_n": ("force on the rack", "N", 1.0),
-}
-"""Name of each signal in a report, its unit there, and how many of that unit make the SI unit."""
 _ABOUT_TIMES = """\
 Times are those of the recorder. On a bus both nodes and the recorder see a frame at
 the same moment, its end; a recorder in one of the programs sees what that program sent and took, so
@@ -112,7 +94,7 @@ def _signals(figures: Mapping[str, Any]) -> Section:
     for name, report in figures["signals"].items():
         if not report["samples"]:
             continue
-        text, unit, scale = SIGNAL_NAMES[name]
+        _, text, unit, scale = SIGNALS[name]
         text += f", {names[name]}" if name in names else ""
         at_s = report["peak_at_s"]
         cells = [f"{scale * report[key]:.3f}" for key in ("mean", "rms", "peak")]

@@ -22,11 +22,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
+from matplotlib.figure import Figure
 
 from ...closed_loop.identification.bus_series import BusSamples
 from ...closed_loop.identification.steering import identify_steering
 from ...closed_loop.recordings.log_analysis import LoggedMessages
 from ...closed_loop.recordings.log_state import LogError
+from ...closed_loop.reports.page import Picture
+from ...closed_loop.reports.plot_style import plot_style, png_of
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.prediction.gains_over_speed import (
     PSI,
@@ -37,17 +40,18 @@ from ...controller.prediction.gains_over_speed import (
 )
 from ...dbc import messages
 from ...runtime.array_types import FloatArray
+from .pictures import BLUE, WIDTH_IN
 
-VEHICLE_STATES = (
-    "side_slip_rad",
-    "yaw_rate_rad_s",
-    "heading_error_rad",
-    "lateral_error_m",
-    "curvature_1_m",
-    "steering_offset_rad",
-)
-_FIRST_DEVIATIONS = (0.1, 0.5, 0.5, 5.0, 0.1, 0.1)
-"""Before the first measurement, in that order."""
+STATES = {
+    "side_slip_rad": (0.1, "side slip [mrad]", 1e3),
+    "yaw_rate_rad_s": (0.5, "yaw rate [mrad/s]", 1e3),
+    "heading_error_rad": (0.5, "heading error [mrad]", 1e3),
+    "lateral_error_m": (5.0, "preview point [mm]", 1e3),
+    "curvature_1_m": (0.1, "curvature [1/km]", 1e3),
+    "steering_offset_rad": (0.1, "steering offset [mrad]", 1e3),
+}
+"""Deviation before the first measurement, axis, and how many of its unit make the SI unit."""
+VEHICLE_STATES = tuple(STATES)
 
 
 class Smoothed(NamedTuple):
@@ -75,7 +79,7 @@ def smooth_vehicle(
     kalman = KalmanFilter(dim_x=states, dim_z=2, dim_u=1)
     kalman.F, kalman.B = model.f[0, :states, :states], model.g[0, :states, None]
     kalman.H, kalman.Q, kalman.R = np.eye(states)[[Y, PSI]], q, r
-    kalman.P = np.diag(np.square(_FIRST_DEVIATIONS))
+    kalman.P = np.diag([first**2 for first, _, _ in STATES.values()])
     # The filter predicts before it takes a measurement: the wheel on the way to each sample.
     before_rad = np.concatenate((wheel_rad[:1], wheel_rad[:-1]))
     mean_rad = 0.5 * (before_rad + wheel_rad)
@@ -178,3 +182,21 @@ class SmoothedTable:
             # The interval is of 95 %.
             deviation_s = (lag.high - lag.low) / 3.92
             self.figures["steering_lag_s"] = {"mean": lag.value, "mean_std": deviation_s}
+
+
+def draw_smoothed(table: SmoothedTable) -> Picture:
+    """Draw what the smoother found, each with a band of two standard deviations."""
+    with plot_style():
+        figure = Figure(figsize=(WIDTH_IN, 10.8))
+        every = figure.subplots(len(STATES), 1, sharex=True)
+        columns = zip(STATES.values(), table.values.T, table.deviations.T, strict=True)
+        for axes, ((_, label, scale), value, deviation) in zip(every, columns, strict=True):
+            middle, half = scale * value, 2.0 * scale * deviation
+            axes.plot(table.time_s, middle, color=BLUE, lw=1.0)
+            low, high = axes.get_ylim()
+            axes.fill_between(table.time_s, middle - half, middle + half, color=BLUE, alpha=0.25)
+            # A band that is wide at the ends does not hide the line.
+            margin = 2.0 * float(np.median(half))
+            axes.set(ylabel=label, ylim=(low - margin, high + margin))
+        every[-1].set_xlabel("time since the first frame [s]")
+        return Picture(png_of(figure), "Smoothed: estimate and two standard deviations")
