@@ -212,9 +212,8 @@ def run_main(name: str, main: Callable[[], int]) -> int:
 
     A signal that ends programs does so as Ctrl-C does, so that nothing is left behind.
     """
-    # What these libraries log, some of it with a traceback, is in their errors too.
+    # What it logs is in its errors too.
     logging.getLogger("can").setLevel(logging.CRITICAL)
-    logging.getLogger("asammdf").disabled = True
     try:
         with ending_signals(signal.default_int_handler):
             status = main()

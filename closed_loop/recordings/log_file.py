@@ -1,4 +1,4 @@
-"""A log file, by its suffix: .asc, .blf, .csv, .mf4, .trc; each other is what candump has printed.
+"""A log file, by its suffix: .asc, .blf, .csv, .trc; each other is what candump has printed.
 
 What cannot be read is counted and costs nothing else. A killed writer leaves a last line without
 its line end. That line is dropped: half a payload would read as a whole frame of a wrong length.
@@ -6,19 +6,18 @@ its line end. That line is dropped: half a payload would read as a whole frame o
 
 import zlib
 from collections.abc import Callable, Generator, Iterator
-from importlib.util import find_spec
 from pathlib import Path
 
 from .blf_log import BlfLog
 from .candump_text import candump_reader
 from .log_state import LogError, Logged, LogState, NoFrameError, TextLines
-from .mf4_log import Mf4Log
 from .text_formats import READERS, TrcReader
 
 _COMMENTS = ("#", ";", "//")
 LINES_MAX = 1_000_000
 """Without a frame: a device has no end, and a few bytes unpack to as many."""
-_BINARY_SUFFIXES = {".blf", ".mf4"}
+_CONVERTED = {".db": "", ".mf4": " (needs asammdf)"}
+"""Suffixes of logs that python-can converts, and what it needs for that."""
 OF_LOCAL_TIME = {".blf", ".trc"}
 """Their dates are the recorder's, whose time zone they do not tell."""
 
@@ -53,20 +52,15 @@ def open_log(path: Path) -> LogFile:
     """Open a log file; raises LogError."""
     suffix = path.suffix.lower()
     inner = Path(path.stem).suffix.lower() if suffix == ".gz" else suffix
-    if suffix != inner and inner in _BINARY_SUFFIXES:
+    if suffix != inner and inner in {".blf", *_CONVERTED}:
         raise LogError(f"{path}: unpack it first (gunzip)")
-    if suffix == ".db":
-        convert = f"python -m can.logconvert {path.name} {path.stem}.blf"
-        raise LogError(f"{path}: a .db of python-can is not read: {convert}")
-    if suffix == ".mf4" and find_spec("asammdf") is None:
-        raise LogError(f"{path}: .mf4 needs asammdf: pip install asammdf")
+    if suffix in _CONVERTED:
+        convert = f"python -m can.logconvert {path.name} {path.stem}.blf{_CONVERTED[suffix]}"
+        raise LogError(f"{path}: a {suffix} is not read; convert it: {convert}")
     try:
         if suffix == ".blf":
             objects = BlfLog(path)
             return LogFile(objects, objects.frames())
-        if suffix == ".mf4":
-            blocks = Mf4Log(path)
-            return LogFile(blocks, blocks.frames())
         lines = TextLines(path)
     except (OSError, EOFError) as error:
         raise LogError(f"{path}: {getattr(error, 'strerror', None) or error}") from error

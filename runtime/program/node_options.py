@@ -33,9 +33,8 @@ def make_parser(
     add_settings_arguments(parser, preset_package, model)
     add_json_argument(parser, shows=False)
     parser.add_argument(
-        "--record", type=_recording_file, metavar="FILE",
-        help="write every frame: .log .asc .blf .mf4",
-    )  # fmt: skip
+        "--record", type=_recording_file, metavar="FILE", help="write every frame: .log .asc .blf"
+    )
     parser.add_argument(
         "-q", "--quiet", action="store_true", help="while running, print errors only"
     )

@@ -20,14 +20,13 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..frame import Frame
 from ..node.real_time_loop import Port, Received
 
-SUFFIXES = (".log", ".asc", ".blf", ".mf4")
+SUFFIXES = (".log", ".asc", ".blf")
 """The formats that have a place for every frame; ``.log`` is what ``candump -L`` writes."""
 STOP_TIMEOUT_S = 30.0
 """How long the recorder may take to finish the file; the disk may stall."""
@@ -61,11 +60,8 @@ def recording_obstacle(path: Path) -> str:
     """Why nothing can be recorded into a file of this name; empty when it can."""
     if sys.platform == "win32":
         return "nothing is recorded on Windows: its pipes wait, and so would the control loop"
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
+    if path.suffix.lower() not in SUFFIXES:
         return f"{path}: records as {', '.join(SUFFIXES)} only, by the end of the name"
-    if suffix == ".mf4" and find_spec("asammdf") is None:
-        return f"{path}: .mf4 needs asammdf: pip install asammdf"
     return ""
 
 

@@ -3,7 +3,7 @@
     steer-by-wire analyze run.log
     steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs
 
-Reads the formats .log .asc .blf .csv .trc .mf4 of python-can, and what candump prints or logs.
+Reads the formats .log .asc .blf .csv .trc of python-can, and what candump prints or logs.
 For each FILE it writes a folder below --out: report.html, figures.json and signals.csv. A FILE that
 cannot be read as a log is reported and skipped; the exit status is then 2. The last line is the
 verdict on how the path was held, by the measured error.

@@ -1,8 +1,5 @@
 """Every format of a log gives the same figures, also what candump prints."""
 
-import gc
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -10,7 +7,6 @@ import pytest
 from steer_by_wire.closed_loop.recordings.log_analysis import CG_DEVIATION
 from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.closed_loop.recordings.log_state import LogError
-from steer_by_wire.closed_loop.recordings.mf4_log import Mf4Log
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from tests.support.frames.recorded_frames import entries_in
@@ -26,12 +22,10 @@ from tests.support.suite.unrendered import unrendered as unrendered
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
-NEEDS_ASAMMDF = pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not installed")
-
 
 @pytest.mark.parametrize(
     "suffix",
-    [".log", ".asc", ".blf", ".csv", ".trc", pytest.param(".mf4", marks=NEEDS_ASAMMDF)],
+    [".log", ".asc", ".blf", ".csv", ".trc"],
 )
 def test_every_format_of_python_can_gives_the_same_figures(
     beginning: Path, tmp_path: Path, suffix: str
@@ -42,36 +36,10 @@ def test_every_format_of_python_can_gives_the_same_figures(
     same_but_for_times(analyse(beginning), figures)
 
 
-@NEEDS_ASAMMDF
-def test_a_mf4_that_is_cut_off_is_one_line(
-    beginning: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = convert(entries_in(beginning), tmp_path / "cut.mf4")
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(LogError, match=r"no whole \.mf4 file"):
-        open_log(path)
-    gc.collect()
-    assert "Traceback" not in capfd.readouterr().err
-
-
-FRAME = '[1000000, "can0", 256, "0102", 0]'
-ENDS = {
-    "import os; os.kill(os.getpid(), 11)": "its reader was ended by SIGSEGV",
-    "import sys; sys.exit('no such block')": "no such block",
-}
-
-
-@pytest.mark.parametrize("end", ENDS)
-def test_a_reader_of_mf4_that_fails_keeps_the_frames_before(end: str, tmp_path: Path) -> None:
-    path = tmp_path / "damaged.mf4"
-    path.write_bytes(b"")
-    words = [sys.executable, "-c"]
-    with pytest.raises(LogError, match=f"damaged.mf4: no whole .mf4 file: {ENDS[end]}"):
-        Mf4Log(path, [*words, end])
-    log = Mf4Log(path, [*words, f"print({FRAME!r}, flush=True); {end}"])
-    assert [taken.frame.can_id for taken in log.frames()] == [256]
-    assert log.unreadable == 1
-    assert log.cut_off == f"damaged after 1 frames: {ENDS[end]}"
+@pytest.mark.parametrize("suffix", [".db", ".mf4"])
+def test_a_log_of_another_format_is_to_be_converted(tmp_path: Path, suffix: str) -> None:
+    with pytest.raises(LogError, match=rf"a {suffix} is not read; convert it: .* run\.blf"):
+        open_log(tmp_path / f"run{suffix}")
 
 
 def plain(entry: LogEntry, stamp: str, marks: str = "") -> str:

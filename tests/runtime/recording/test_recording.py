@@ -4,7 +4,6 @@ import os
 import signal
 import sys
 import time
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -21,10 +20,6 @@ from steer_by_wire.runtime.recording.recorder import (
 )
 from tests.support.frames.recorded_frames import FRAMES, messages_in
 
-NEEDS_ASAMMDF = pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not installed")
-FORMATS = [
-    pytest.param(suffix, marks=NEEDS_ASAMMDF if suffix == ".mf4" else ()) for suffix in SUFFIXES
-]
 PERIOD_NS = 10_000_000
 TEXT = (".log", ".asc")
 
@@ -45,7 +40,7 @@ def known(frame: Frame) -> Frame:
 # What is in the file
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_format_holds_the_frames_their_directions_and_distances(
     tmp_path: Path, suffix: str
 ) -> None:
