@@ -18,6 +18,7 @@ from steer_by_wire.runtime.emulated_bus import protocol
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
 from steer_by_wire.runtime.emulated_bus.interface import EmulatedBus
 from steer_by_wire.runtime.exit_status import BusError
+from steer_by_wire.runtime.frame import FD
 from steer_by_wire.runtime.node import NS_PER_US
 from steer_by_wire.runtime.port.python_can import BusPort
 from tests.fuzz.fuzzed_bus import CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus
@@ -111,7 +112,7 @@ def _records(choices: Choices) -> bytes:
     kind = choices.integer(0, 4)
     if kind < 3:
         frame = Sender().frame(choices)
-        length_max = 8 if size < protocol.FD_BYTES else 64
+        length_max = 64 if frame.flags & FD else 8
         raw = protocol.pack_frame(size, frame._replace(data=frame.data[:length_max]))
         raw *= choices.integer(1, 80)
     elif kind == 3:

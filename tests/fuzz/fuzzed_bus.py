@@ -42,7 +42,7 @@ class FuzzedBus:
         self._bench.now_ns += elapsed_ns
         broker = self._bench.broker
         assert broker.serve(0.0), "the broker has ended"
-        assert broker.figures["connected"] <= CLIENTS_MAX, "too many clients"
+        assert len(broker.clients) <= CLIENTS_MAX, "too many clients"
         self._listen()
 
     def say(self) -> None:
