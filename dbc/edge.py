@@ -18,6 +18,8 @@ from ..runtime.program.run_node import Edge
 from ..runtime.settings import SettingsError
 from .bus_language import BusLanguage
 from .messages import CAN_IDS, Message
+from .secoc.authenticated_node import AuthenticatedNode
+from .secoc.key_file import open_authentication
 from .secoc.secured_frame import STATUS_SENT_BY, Refused
 
 if TYPE_CHECKING:
@@ -55,10 +57,6 @@ def open_edge(
     can_ids = {CAN_IDS[message_type] for message_type in known}
     if options.key_file is None:
         return Edge(can_ids, UNAUTHENTICATED, say_figures=_say_refused)
-    # Not at the top: they read the DBC once more, which classic CAN does not need.
-    from .secoc.authenticated_node import AuthenticatedNode
-    from .secoc.key_file import open_authentication
-
     authentication = open_authentication(options.key_file, end)
     options.fd = True
     can_ids.add(CAN_IDS[STATUS_SENT_BY[end.peer]])

@@ -29,23 +29,14 @@ they answer.
 
 Before it has received a challenge, a sender has nothing to bind its frames to. It sends them with a
 CMAC of zeros, which is never accepted.
-
-The DBC is read when this module is imported, so that this does not delay any control period.
 """
 
 import hmac
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
-
-from cantools.autosar.secoc import compute_authenticator
-from cantools.database.can import Message as Definition
-from cantools.database.can.formats.arxml.message_specifics import AutosarMessageSpecifics
-from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCProperties
+from collections.abc import Callable
 
 from ...runtime.frame import BITRATE_SWITCH, FD, Frame
 from ...runtime.node import NS_PER_US
 from ...runtime.node.end import End
-from ..contract.dbc_file import load_database
 from ..messages import CAN_IDS, frame_of
 from .challenges import Challenges
 from .secured_frame import (
@@ -68,32 +59,6 @@ _NONE = bytes(CHALLENGE_LENGTH)
 
 ComputeMac = Callable[[bytes], bytes]
 """The CMAC of a text, with a key that only the function holds: ``dbc.secoc.key_file.read_key``."""
-
-
-def _secoc_definitions() -> Mapping[int, Definition]:
-    """Our messages, by identifier, with the properties that cantools needs to secure them."""
-    database = load_database()
-    definitions = {}
-    for can_id, layout in LAYOUTS.items():
-        definition = database.get_message_by_frame_id(can_id)
-        specifics = AutosarMessageSpecifics()
-        # cantools reads these only from ARXML; there is no other way to set them.
-        specifics._secoc = AutosarSecOCProperties(
-            auth_algorithm_name="AES-128-CMAC",
-            freshness_algorithm_name="challenge and counter",
-            payload_length=layout.secured_length,
-            data_id=_DATA_ID_BASE + can_id,
-            auth_tx_bit_length=8 * layout.mac_length,
-            freshness_bit_length=COUNTER_BITS * (1 if layout is SYNC else 2),
-            freshness_tx_bit_length=8 * layout.counter_length,
-        )
-        definition._autosar = specifics
-        definitions[can_id] = definition
-    return MappingProxyType(definitions)
-
-
-SECOC_DEFINITIONS = _secoc_definitions()
-"""By identifier."""
 
 
 def first_counter_at(wall_clock_ns: int) -> int:
@@ -121,7 +86,7 @@ class Authentication:
         if not 0 <= first_counter < _COUNTERS // 2:
             raise ValueError(f"first_counter = {first_counter}: allowed is 0 to 2**63 - 1")
         self._peer_status_id = CAN_IDS[STATUS_SENT_BY[end.peer]]
-        self._authenticator = lambda _definition, text, _freshness: compute_mac(text)
+        self._compute_mac = compute_mac
         self._challenge = challenge
         self._counter = first_counter
         self._peer_challenge = _NONE
@@ -138,11 +103,11 @@ class Authentication:
         self._counter = counter + 1
         if layout is SYNC:
             payload += self._challenge + (self._unproven.answer() or self._peer_challenge)
-            mac = self._mac(can_id, payload, counter)
+            mac = self._mac(can_id, payload, b"", counter)
         elif self._peer_challenge == _NONE:
             mac = bytes(layout.mac_length)
         else:
-            mac = self._mac(can_id, payload, _freshness(self._peer_challenge, counter))
+            mac = self._mac(can_id, payload, self._peer_challenge, counter)
         wire_counter = counter % (1 << 8 * layout.counter_length)
         data = payload + wire_counter.to_bytes(layout.counter_length, "big")
         return Frame(can_id, data + mac[: layout.mac_length], FD | BITRATE_SWITCH)
@@ -166,7 +131,7 @@ class Authentication:
         payload, mac = data[: layout.secured_length], data[layout.mac_start :]
         low = int.from_bytes(data[layout.secured_length : layout.mac_start], "big")
         counter = nearest(self._peer_counter, low, 8 * layout.counter_length)
-        expected = self._mac(can_id, payload, _freshness(self._challenge, counter))
+        expected = self._mac(can_id, payload, self._challenge, counter)
         if not hmac.compare_digest(mac, expected[: layout.mac_length]):
             # A sender that does not know our challenge yet can only send this: no attack.
             return Refused.FORGED if self.is_synchronised and any(mac) else Refused.UNSYNCHRONISED
@@ -180,7 +145,7 @@ class Authentication:
         can_id, data, _ = frame
         secured, mac = data[: SYNC.secured_length], data[SYNC.mac_start :]
         counter = int.from_bytes(data[SYNC.secured_length : SYNC.mac_start], "big")
-        if not hmac.compare_digest(mac, self._mac(can_id, secured, counter)):
+        if not hmac.compare_digest(mac, self._mac(can_id, secured, b"", counter)):
             return Refused.FORGED
         if counter <= self._newest[can_id]:
             return Refused.REPLAYED
@@ -196,10 +161,10 @@ class Authentication:
         self._newest[can_id] = counter
         return Frame(can_id, secured[:PAYLOAD_LENGTH])
 
-    def _mac(self, can_id: int, secured: bytes, freshness: int) -> bytes:
-        return compute_authenticator(
-            secured, SECOC_DEFINITIONS[can_id], self._authenticator, freshness
-        )
+    def _mac(self, can_id: int, secured: bytes, challenge: bytes, counter: int) -> bytes:
+        data_id = (_DATA_ID_BASE + can_id).to_bytes(2, "big")
+        freshness = challenge + counter.to_bytes(COUNTER_BITS // 8, "big")
+        return self._compute_mac(data_id + secured + freshness)
 
 
 def nearest(known: int, low: int, bits: int) -> int:
@@ -208,7 +173,3 @@ def nearest(known: int, low: int, bits: int) -> int:
     ahead = (low - known) % period
     counter = known + ahead
     return counter - period if ahead >= period // 2 and counter >= period else counter
-
-
-def _freshness(challenge: bytes, counter: int) -> int:
-    return int.from_bytes(challenge, "big") << COUNTER_BITS | counter

@@ -2,6 +2,9 @@
 
 import pytest
 from cantools.autosar.secoc import apply_authenticator, verify_authenticator
+from cantools.database.can import Message
+from cantools.database.can.formats.arxml.message_specifics import AutosarMessageSpecifics
+from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCProperties
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,7 +18,6 @@ from steer_by_wire.dbc.messages import (
     decode,
     encode,
 )
-from steer_by_wire.dbc.secoc.authentication import SECOC_DEFINITIONS
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
 from steer_by_wire.dbc.secoc.secured_frame import (
     DATA,
@@ -69,6 +71,24 @@ def test_the_cmac_is_that_of_rfc_4493(length: int, mac: str) -> None:
     assert compute_mac(text[:length]).hex() == mac  # one text leaves nothing behind for the next
 
 
+def definition_of(can_id: int, freshness_bits: int) -> Message:
+    """One of our messages with what cantools needs to secure it."""
+    layout, specifics = LAYOUTS[can_id], AutosarMessageSpecifics()
+    # cantools reads these only from ARXML; there is no other way to set them.
+    specifics._secoc = AutosarSecOCProperties(
+        auth_algorithm_name="AES-128-CMAC",
+        freshness_algorithm_name="challenge and counter",
+        payload_length=layout.secured_length,
+        data_id=0xA000 + can_id,
+        auth_tx_bit_length=8 * layout.mac_length,
+        freshness_bit_length=freshness_bits,
+        freshness_tx_bit_length=8 * layout.counter_length,
+    )
+    definition = load_database().get_message_by_frame_id(can_id)
+    definition._autosar = specifics
+    return definition
+
+
 @given(st.sampled_from(FROM_PLANT), st.integers(0, 2**63 - 1))
 def test_a_secured_frame_is_the_one_that_cantools_makes(frame: Frame, counter: int) -> None:
     sender = plant(first_counter=counter)
@@ -77,7 +97,7 @@ def test_a_secured_frame_is_the_one_that_cantools_makes(frame: Frame, counter: i
     compute_mac = cmac_maker()(KEY)
     freshness = int.from_bytes(CONTROLLER_CHALLENGE, "big") << 64 | counter
     arguments = (
-        SECOC_DEFINITIONS[frame.can_id],
+        definition_of(frame.can_id, freshness_bits=128),
         lambda _definition, text, _freshness: compute_mac(text),
         freshness,
     )
@@ -93,7 +113,7 @@ def test_a_secured_status_is_the_one_that_cantools_makes() -> None:
     content = PLANT_STATUS.data + PLANT_CHALLENGE + bytes(8)
     assert secured.data == apply_authenticator(
         content + bytes(24),
-        SECOC_DEFINITIONS[PLANT_STATUS.can_id],
+        definition_of(PLANT_STATUS.can_id, freshness_bits=64),
         lambda _definition, text, _freshness: compute_mac(text),
         2**40 + 5,
     )
