@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
@@ -76,28 +77,14 @@ class FromPlant:
         if not (is_finite and _is_carried(values)):
             return Refused.OUT_OF_RANGE
         self._known |= values
-        known, made = self._known, list[ours.Message]()
-        if Quantity.LATERAL_ERROR in values:
-            error_m, heading_rad = known[Quantity.LATERAL_ERROR], known[Quantity.HEADING_ERROR]
-            made.append(ours.LateralError(lateral_error_m=error_m, heading_error_rad=heading_rad))
-        if Quantity.WHEEL_ANGLE in values:
-            code = _CODES[_is_one(known[Quantity.APPLYING])]
-            wheel_rad = known[Quantity.WHEEL_ANGLE]
-            applied = self._command_counter
-            made.append(
-                ours.SteeringStatus(wheel_angle_rad=wheel_rad, applied_counter=applied, status=code)
-            )
-        if Quantity.SPEED in values:
-            speed_m_s, yaw_rate_rad_s = known[Quantity.SPEED], known[Quantity.YAW_RATE]
-            curvature_1_m = known[Quantity.PREVIEW_CURVATURE]
-            made.append(
-                ours.VehicleState(
-                    speed_m_s=speed_m_s,
-                    yaw_rate_rad_s=yaw_rate_rad_s,
-                    preview_curvature_1_m=curvature_1_m,
-                )
-            )
-        return [self._senders[type(one)].frame(one) for one in made]
+        status = _CODES[_is_one(self._known[Quantity.APPLYING])]
+        fields: dict[str, Any] = {str(name): value for name, value in self._known.items()}
+        fields |= {"applied_counter": self._command_counter, "status": status}
+        frames = []
+        for kind, sender in self._senders.items():
+            if next(iter(SAID_BY[kind])) in values:
+                frames.append(sender.frame(kind._make(fields[name] for name in kind._fields)))
+        return frames
 
 
 _CODES = (ours.SteeringStatusCode.NO_COMMAND, ours.SteeringStatusCode.APPLYING)

@@ -9,7 +9,6 @@ import cantools.database
 import pytest
 
 from steer_by_wire.dbc.dialect.dialect import read_dialect
-from steer_by_wire.dbc.dialect.proposal import proposal
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.tools.dialect import __main__ as program
@@ -28,43 +27,14 @@ def test_a_first_mapping_is_read_and_names_its_guesses(
     file = Path(shutil.copy(DBC, tmp_path)).with_suffix(".toml")
     file.write_text(text, encoding="utf-8")
     guessed = {Quantity.STEER, Quantity.ENGAGED, Quantity.WHEEL_ANGLE, Quantity.SPEED}
-    guessed |= {Quantity.YAW_RATE, Quantity.LATERAL_ERROR}
-    assert read_dialect(file).carried == guessed
+    guessed |= {Quantity.YAW_RATE, Quantity.LATERAL_ERROR, Quantity.HEADING_ERROR}
+    assert read_dialect(file).carried == guessed  # the last two in our own LATERAL_ERROR
     mapped = [line for line in text.splitlines() if re.match("signals|counter|# checksum", line)]
-    assert len(mapped) == 10
+    assert len(mapped) == 9
     assert all("# guess: " in line for line in mapped)
-    assert '# keep = ["LATERAL_ERROR"]  # ours, in place of LANE.LATERAL_OFFSET' in text
+    assert 'keep = ["LATERAL_ERROR"]  # ours: ' in text
     assert "cycle_ms = 10\n" in text  # of the database
     assert "cycle_ms = 20  # guess: not in the database" in text
-
-
-@pytest.mark.parametrize(
-    ("signal", "ratio"),
-    [
-        # of opendbc's cadillac_ct6_object, ford_lincoln_base_pt and tesla_can
-        ('OffstLaneCntr : 0|8@1- (0.05,0) [-6.4|6.35] "m"', 1.0),
-        ('LatCtlPathOffst_L_Actl : 0|10@1+ (0.01,-5.12) [-5.12|5.11] "meter"', 1.0),
-        ('DAS_virtualLaneC0 : 0|8@1+ (0.035,-3.5) [-3.5|3.5] "m"', 1.0),
-        ('CROSS_TRACK_ERROR : 0|16@1- (1,0) [-3000|3000] "mm"', 1000.0),
-        ('XTE : 0|16@1- (1,0) [0|0] "cm"', None),  # it may be 328 m
-        ('FwdVsnLatOfstTrk1 : 0|10@1- (0.125,0) [-64|63.875] "m"', None),
-        ('CAN_RX_LATERAL_MOUNTING_OFFSET : 0|8@1- (0.015625,0) [-2|1.98] "m"', None),
-        ('AdvDrAstMpLatOffst : 0|9@1+ (1,-256) [-256|255] "m"', None),
-        ('DAS_ppOffsetDesiredRamp : 0|8@1+ (0.01,-1.28) [-1.28|1.27] "m"', None),
-        ('LANE_LEFT_OFFSET : 0|16@1- (0.01,0) [-5|5] "m"', None),
-        ('LATERAL_ERROR : 0|16@1+ (0.01,0) [0|50] "m"', None),  # never negative
-        ('ACC_LATERAL_ERROR : 0|16@1- (0.01,0) [-5|5] "m/s2"', None),
-    ],
-)
-def test_a_lateral_error_is_guessed_by_name_unit_and_range(
-    signal: str, ratio: float | None
-) -> None:
-    database: Any = cantools.database.load_string(f"BU_: A\nBO_ 1 M: 8 A\n SG_ {signal} A\n")
-    text = proposal(database.messages, Path("my.dbc"))
-    assert ('keep = ["LATERAL_ERROR"]  # ours: ' in text) == (ratio is None)
-    lines = [line for line in text.splitlines() if 'carries = "lateral_error_m"' in line]
-    assert len(lines) == (ratio is not None)
-    assert all((f"ratio = {ratio}" in line) == (ratio != 1.0) for line in lines)
 
 
 def test_the_check_names_what_is_missing_and_leaves_a_minute_of_traffic(
