@@ -4,42 +4,30 @@
 ::
 
     python examples/own_disturbance.py
-    PYTHONPATH=examples steer-by-wire plant --set disturbance.model=own_disturbance:GUSTS
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from random import Random
 
 from matplotlib.figure import Figure
-from pydantic import Field
 
-from steer_by_wire import DisturbanceModel, DisturbanceStep, Run, Settings, simulate
-
-
-class Wind(Settings):  # [disturbance.own] of a settings file
-    force_n: float = Field(400.0, ge=0.0, le=1e5)
-    """Standard deviation of the side force."""
-    correlation_time_s: float = Field(1.0, gt=0.0, le=100.0)
-    until_s: float = Field(60.0, gt=0.0, le=400.0)
-    seed: int = 1
+from steer_by_wire import Run, simulate
 
 
-def gusts(own: Wind) -> Iterator[DisturbanceStep]:
-    """Yield the force every 50 ms: a first-order autoregressive process."""
-    rng, step_s, force_n = Random(own.seed), 0.05, 0.0
-    decay = 1.0 - step_s / (own.correlation_time_s + step_s)
-    spread_n = own.force_n * (1.0 - decay**2) ** 0.5
-    for step in range(int(own.until_s / step_s)):
-        force_n = decay * force_n + rng.gauss(0.0, spread_n)
-        yield DisturbanceStep(at_s=step * step_s, side_force_n=force_n)
-
-
-GUSTS = DisturbanceModel(gusts, settings=Wind)
+def gusts(force_n: float, correlation_time_s: float, until_s: float) -> list[dict[str, float]]:
+    """Return the force every 50 ms: a first-order autoregressive process of this deviation."""
+    rng, step_s, gust_n, steps = Random(1), 0.05, 0.0, []
+    decay = 1.0 - step_s / (correlation_time_s + step_s)
+    spread_n = force_n * (1.0 - decay**2) ** 0.5
+    for step in range(int(until_s / step_s)):
+        gust_n = decay * gust_n + rng.gauss(0.0, spread_n)
+        steps.append({"at_s": step * step_s, "side_force_n": gust_n})
+    return steps
 
 
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
-    wind = {"plant.disturbance.model": GUSTS, "plant.path.kind": "straight"}
+    steps = gusts(400.0, 1.0, 60.0)
+    wind = {"plant.disturbance.steps": steps, "plant.path.kind": "straight"}
     figure = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110)
     axes = figure.subplots()
     runs = {}

@@ -20,7 +20,7 @@ from .faults.settings import (
     FaultKind,
     FaultSettings,
 )
-from .network.settings import BothLatencySettings, find_latency_model
+from .network.settings import BothLatencySettings
 from .path.corridor import CORRIDOR_M
 from .path.settings import CorridorSettings, EllipseSettings, PathSettings, find_path_model
 from .sensors.settings import PathAheadSettings, SensorNoiseSettings, SteeringForceSettings
@@ -31,12 +31,7 @@ from .vehicle.car.settings import CarSettings
 from .vehicle.car.steering_health import Failure, Health
 from .vehicle.motion_parameters import motion_params
 from .vehicle.moving_vehicle import AnyMotionParams
-from .vehicle.settings import (
-    ActuatorSettings,
-    DisturbanceSettings,
-    VehicleSettings,
-    find_disturbance_model,
-)
+from .vehicle.settings import ActuatorSettings, DisturbanceSettings, VehicleSettings
 
 PRESETS = "steer_by_wire.plant_emulator.presets"
 """The package with the presets that are shipped."""
@@ -154,17 +149,9 @@ class PlantSettings(Settings):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """The parts of your own in network, path and disturbance, as their places are now.
-
-        What is kept for equal settings depends on them too: a notebook may define one again.
-        """
-        places = (
-            (find_latency_model, self.latency.downlink.model),
-            (find_latency_model, self.latency.uplink.model),
-            (find_path_model, getattr(self.path, "model", None)),
-            (find_disturbance_model, self.disturbance.model),
-        )
-        return tuple(find(place) for find, place in places if place is not None and ":" in place)
+        """The path model of your own, as its place is now: a notebook may define it again."""
+        place = getattr(self.path, "model", None)
+        return () if place is None else (find_path_model(place),)
 
     @property
     def counters(self) -> CounterRule:

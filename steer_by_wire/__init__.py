@@ -19,18 +19,11 @@ if TYPE_CHECKING:
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
     from .hand_wheel.wheel_alone import FeedbackStability, feedback_stability
-    from .plant_emulator.network.settings import LatencyModel
     from .plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
     from .plant_emulator.path.settings import PathModel
     from .plant_emulator.path.waypoints import path_through
     from .plant_emulator.settings import PlantSettings
-    from .plant_emulator.vehicle.settings import (
-        DisturbanceModel,
-        DisturbanceStep,
-        VehicleInput,
-        VehicleModel,
-        VehicleState,
-    )
+    from .plant_emulator.vehicle.settings import VehicleInput, VehicleModel, VehicleState
     from .plant_emulator.vehicle.single_track_model import VehicleParams
     from .runtime.settings import Settings, SettingsError
 
@@ -41,14 +34,10 @@ _NAMES = {
     "controller.settings": ("ControllerSettings",),
     "dbc.messages": ("Mode",),
     "hand_wheel.wheel_alone": ("FeedbackStability", "feedback_stability"),
-    "plant_emulator.network.settings": ("LatencyModel",),
     "plant_emulator.path.settings": ("PathModel",),
     "plant_emulator.path.ellipse_and_lane_changes": ("path_of_curvature",),
     "plant_emulator.settings": ("PlantSettings",),
-    "plant_emulator.vehicle.settings": (
-        *("DisturbanceModel", "DisturbanceStep"),
-        *("VehicleInput", "VehicleModel", "VehicleState"),
-    ),
+    "plant_emulator.vehicle.settings": ("VehicleInput", "VehicleModel", "VehicleState"),
     "plant_emulator.vehicle.single_track_model": ("VehicleParams",),
     "plant_emulator.path.waypoints": ("path_through",),
     "runtime.settings": ("Settings", "SettingsError"),
@@ -66,10 +55,7 @@ __all__ = [
     "Check",
     "ControllerSettings",
     "ControllerTable",
-    "DisturbanceModel",
-    "DisturbanceStep",
     "FeedbackStability",
-    "LatencyModel",
     "Law",
     "LawInput",
     "LawOutput",

@@ -123,7 +123,7 @@ def simulate(
     ``latencies``     of the commands one by one [s], shape (frames,), in place of the first two;
                       after the last the first again
     ``overrides``     other settings, by ``plant.table.key``, ``controller.`` or ``hand_wheel.``; a
-                      part of your own, as a ``LatencyModel``, stands for ``module:ATTRIBUTE``
+                      part of your own, as a ``VehicleModel``, stands for ``module:ATTRIBUTE``
     ``engine``        virtual: the nodes in virtual time; compiled: the same numbers a hundred times
                       as fast after a first run that compiles, in fewer columns (``Run``)
     ``bus``           between the nodes of a virtual run: settings, a file of them as ``run

@@ -1,83 +1,18 @@
-"""Settings tables `[latency.downlink]` and `[latency.uplink]`.
+"""Settings tables `[latency.downlink]` and `[latency.uplink]`."""
 
-Another package may provide the distribution (``LatencyModel``); see ``runtime.settings.plugin``.
-"""
-
-from collections.abc import Callable
 from enum import StrEnum
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Self
 
-from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
-from pydantic_core import PydanticKnownError
+from pydantic import Field, model_validator
 
 from ...runtime.settings import Settings
-from ...runtime.settings.plugin import (
-    PLUGIN_TABLE,
-    TABLE_SCHEMA,
-    PartError,
-    PluginTable,
-    call_part,
-    find_part,
-    plugin_table,
-)
 from .latency_distributions import QUANTILES, Distribution, Quantile
 from .latency_over_time import LATENCY_S_MAX, Profile, Shape, Trace, read_trace
 
 LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
-_TRIED = (0.001, 0.5, 0.999)
-"""Uniforms with which a latency model of another package is tested."""
-
-
-class LatencyModel(NamedTuple):
-    """Latency of frames: ``quantile(u, mean_s, spread_s, own) -> latency_s``.
-
-    ``u`` is uniform in (0, 1); the latency must not decrease with u, and be 0 to 10 s.
-    """
-
-    quantile: Callable[[float, float, float, Any], float]
-    settings: type[Settings] | None = None
-
-
-find_latency_model = partial(find_part, kind=LatencyModel, noun="latency model")
-"""Returns the model at a place; raises ValueError."""
-
-
-def plugin_quantile(place: str, own: Settings | None) -> Callable[[float, float, float], float]:
-    """Return the quantile function of a latency model; it raises PartError."""
-    model, what = find_latency_model(place), f"latency model {place}"
-
-    def quantile(u: float, mean_s: float, spread_s: float) -> float:
-        latency_s = call_part(what, model.quantile, u, mean_s, spread_s, own)
-        if not (isinstance(latency_s, float | int) and 0.0 <= latency_s <= LATENCY_S_MAX):
-            raise PartError(
-                f"{what} gives {latency_s!r} s at u = {u:g}, mean_s = {mean_s:g}, spread_s ="
-                f" {spread_s:g} (allowed: number from 0, up to {LATENCY_S_MAX:g})"
-            )
-        return latency_s
-
-    return quantile
-
-
-def _known_model(name: Any) -> Distribution | str:
-    if isinstance(name, str) and ":" in name:
-        find_latency_model(name)
-        return name
-    known = [*Distribution]
-    if name not in known:
-        raise PydanticKnownError("enum", {"expected": ", ".join(known)})
-    return Distribution(name)
-
-
-LatencyModelName = Annotated[
-    Distribution | str,
-    PlainValidator(_known_model),
-    WithJsonSchema({"enum": [*Distribution], "type": "string"}),
-]
-"""One of ours, or ``package.module:ATTRIBUTE`` of a ``LatencyModel``."""
 
 
 class Order(StrEnum):
@@ -103,8 +38,7 @@ class SchedulePoint(Settings):
 class LatencySettings(Settings):
     """The network in one direction; by default it changes nothing."""
 
-    model: LatencyModelName = Distribution.CONSTANT
-    own: Annotated[PluginTable, plugin_table(find_latency_model), TABLE_SCHEMA] = PLUGIN_TABLE
+    model: Distribution = Distribution.CONSTANT
     mean_s: LatencySeconds = 0.0
     spread_s: LatencySeconds = 0.0
     """Standard deviation."""
@@ -141,9 +75,6 @@ class LatencySettings(Settings):
         if len(several := [name for name, value in given.items() if value]) > 1:
             raise ValueError(f"{' and '.join(several)} exclude each other")
         self.trace()  # raises SettingsError, a ValueError
-        if not isinstance(self.model, Distribution):
-            for u in _TRIED:
-                self.quantile(u, self.mean_s, self.spread_s)
         return self
 
     @property
@@ -164,10 +95,8 @@ class LatencySettings(Settings):
 
     @property
     def quantile(self) -> Quantile:
-        """The quantile function; one of another package raises PartError when it fails."""
-        if isinstance(self.model, Distribution):
-            return QUANTILES[self.model]
-        return plugin_quantile(self.model, self.own)
+        """The quantile function."""
+        return QUANTILES[self.model]
 
 
 class BothLatencySettings(Settings):

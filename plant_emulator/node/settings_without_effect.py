@@ -55,7 +55,7 @@ def _times(
 ) -> Iterator[tuple[str, float]]:
     for number, fault in enumerate(settings.faults):
         yield f"faults[{number}] ({fault.kind}) never acted,", fault.onset_s
-    for number, step in enumerate(settings.disturbance.all_steps):
+    for number, step in enumerate(settings.disturbance.steps):
         yield f"disturbance.steps[{number}] never acted,", step.at_s
     if settings.safety.override_at_s is not None:
         yield "safety.override_at_s never acted,", settings.safety.override_at_s

@@ -55,7 +55,7 @@ def disturbance_intervals(
 def loads(settings: DisturbanceSettings) -> dict[int, Load]:
     """Return the loads by the time of motion at which they begin [ns], the first at 0."""
     load, by_start_ns = Load(), {0: Load()}
-    for step in settings.all_steps:
+    for step in settings.steps:
         load = load._replace(**step.model_dump(exclude={"at_s"}, exclude_none=True))
         by_start_ns[round(step.at_s * NS_PER_S)] = load
     return by_start_ns

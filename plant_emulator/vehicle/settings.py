@@ -1,25 +1,23 @@
 """Settings tables `[vehicle]`, `[actuator]` and `[disturbance]`.
 
-Another package may provide the equations of motion (``VehicleModel``) and the steps of the
-disturbance (``DisturbanceModel``); see ``runtime.settings.plugin``.
+Another package may provide the equations of motion (``VehicleModel``); see
+``runtime.settings.plugin``.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from ...runtime.node import NS_PER_S
 from ...runtime.settings import Settings
 from ...runtime.settings.plugin import (
     PLUGIN_TABLE,
     TABLE_SCHEMA,
-    PartError,
     PluginTable,
-    call_part,
     find_part,
     plugin_place,
     plugin_table,
@@ -151,26 +149,12 @@ class DisturbanceStep(Settings):
     """Factor on both cornering stiffnesses; 1 at the start."""
 
 
-class DisturbanceModel(NamedTuple):
-    """Disturbances over time: ``steps(own)`` returns rows as in ``[[disturbance.steps]]``."""
-
-    steps: Callable[[Any], Iterable[DisturbanceStep]]
-    settings: type[Settings] | None = None
-
-
-find_disturbance_model = partial(find_part, kind=DisturbanceModel, noun="disturbance model")
-"""Returns the model at a place; raises ValueError."""
-
-
 class DisturbanceSettings(Settings):
     """`[disturbance]`: none by default, apart from the curvature of the path."""
 
     side_force_arm_m: float = Field(0.0, ge=-20.0, le=20.0)
     """Where the side force acts, ahead of the centre of gravity."""
     steps: tuple[DisturbanceStep, ...] = Field((), max_length=10_000)
-    model: Annotated[str, plugin_place(find_disturbance_model)] | None = None
-    """Steps of another package (``DisturbanceModel``), instead of those above."""
-    own: Annotated[PluginTable, plugin_table(find_disturbance_model), TABLE_SCHEMA] = PLUGIN_TABLE
 
     @model_validator(mode="after")
     def _steps_follow_each_other(self) -> Self:
@@ -181,24 +165,4 @@ class DisturbanceSettings(Settings):
         frictions = {step.friction for step in self.steps if step.friction is not None}
         if len(frictions) > 16:
             raise ValueError(f"at most 16 different values of friction, not {len(frictions)}")
-        if self.model is not None:
-            if self.steps:
-                raise ValueError("steps and model exclude each other")
-            _ = self.all_steps
         return self
-
-    @property
-    def all_steps(self) -> tuple[DisturbanceStep, ...]:
-        """All steps; those of another package may raise PartError."""
-        if self.model is None:
-            return self.steps
-        what = f"disturbance model {self.model}"
-        steps = call_part(
-            what, lambda: tuple(find_disturbance_model(self.model or "").steps(self.own))
-        )
-        try:
-            return DisturbanceSettings(steps=steps).steps
-        except ValidationError as error:
-            mistake = error.errors(include_url=False)[0]
-            where = ".".join(map(str, mistake["loc"]))
-            raise PartError(f"{what} gives {where or 'steps'}: {mistake['msg']}") from error

@@ -51,7 +51,7 @@ R = TypeVar("R")
 def find_part(place: str, kind: type[P], noun: str) -> P:
     """Return the part at a place; raises ValueError in one line.
 
-    ``noun``  the kind of part, such as "latency model"
+    ``noun``  the kind of part, such as "vehicle model"
     """
     module_name, colon, attribute = place.partition(":")
     if not colon:
@@ -148,7 +148,7 @@ def plugin_table(
 def call_part(what: str, function: Callable[..., R], *arguments: object) -> R:
     """Return the result of a part's function; its exceptions become a PartError.
 
-    ``what``  the part, such as "latency model package.module:ATTRIBUTE"
+    ``what``  the part, such as "vehicle model package.module:ATTRIBUTE"
     """
     try:
         return function(*arguments)

@@ -8,9 +8,6 @@ import pytest
 from pydantic import Field
 
 from steer_by_wire import (
-    DisturbanceModel,
-    DisturbanceStep,
-    LatencyModel,
     PathModel,
     Run,
     Settings,
@@ -32,35 +29,19 @@ from steer_by_wire.runtime.settings.toml_text import dump_toml
 from tests.support.programs.running_program import running
 
 
-class Share(Settings):
-    share: float = Field(0.1, ge=0.0, le=1.0)
-    slow_s: float = Field(ge=0.0, le=10.0)
-
-
-def two_routes(u: float, mean_s: float, spread_s: float, own: Share) -> float:
-    fast_s = mean_s + spread_s * u
-    return fast_s if u < 1.0 - own.share else fast_s + own.slow_s
-
-
-TWO_ROUTES = LatencyModel(two_routes, settings=Share)
-LIKE_UNIFORM = LatencyModel(
-    lambda u, mean_s, spread_s, _own: max(0.0, mean_s + 3.0**0.5 * spread_s * (2.0 * u - 1.0))
-)
-NEGATIVE = LatencyModel(lambda _u, _mean_s, _spread_s, _own: -1.0)
-DIVIDES = LatencyModel(lambda u, mean_s, _spread_s, _own: u / mean_s)
-RARELY_NAN = LatencyModel(
-    lambda u, mean_s, _spread_s, _own: float("nan") if 0.6 < u < 0.7 else mean_s
-)
-
-
 class Bend(Settings):
     curvature_1_m: float = Field(0.02, ge=-0.1, le=0.1)
+
+
+class Needed(Settings):
+    curvature_1_m: float = Field(ge=-0.1, le=0.1)
 
 
 BEND = PathModel(
     lambda own: path_of_curvature([(5.0, 0.0), (8.0, own.curvature_1_m), (11.0, 0.0)]),
     settings=Bend,
 )
+NEEDY = PathModel(lambda own: path_of_curvature([(5.0, own.curvature_1_m)]), settings=Needed)
 SQUARE = PathModel(
     lambda _own: path_through([(0, 0), (30, 0), (30, 30), (0, 30)], closed=True), settings=None
 )
@@ -82,14 +63,9 @@ FALLS = VehicleModel(lambda _p, _x, _u, _own: [0.0, 0.0, 0.0, 1.0 / 0.0])
 EXPLODES = VehicleModel(lambda _p, x, _u, _own: [0.0, 0.0, 0.0, 1e300 * (1.0 + abs(x[3]))])
 
 PUSH = [
-    DisturbanceStep(at_s=0.5, steering_offset_rad=0.02),
-    DisturbanceStep(at_s=1.0, side_force_n=300.0, friction=0.8),
+    {"at_s": 0.5, "steering_offset_rad": 0.02},
+    {"at_s": 1.0, "side_force_n": 300.0, "friction": 0.8},
 ]
-PUSHES = DisturbanceModel(lambda _own: PUSH)
-BACKWARDS = DisturbanceModel(lambda _own: reversed(PUSH))
-NUMBERS = DisturbanceModel(lambda _own: [1.0])
-
-
 PARTS = "tests.plant_emulator.test_plugin_parts"
 DOWN = "plant.latency.downlink"
 STUDY = f"""
@@ -120,24 +96,6 @@ def assert_same(one: Run, other: Run) -> None:
 
 
 @pytest.mark.parametrize("engine", ["virtual", "compiled"])
-def test_a_latency_model_equal_to_ours_gives_the_same_bits(engine: Any) -> None:
-    network = {f"{DOWN}.mean_s": 0.08, f"{DOWN}.spread_s": 0.03}
-    ours = run(network | {f"{DOWN}.model": "uniform"}, engine=engine)
-    assert_same(run(network | own(DOWN, "LIKE_UNIFORM"), engine=engine), ours)
-
-
-def test_a_latency_model_has_a_table_of_its_own() -> None:
-    network = own(
-        DOWN, "TWO_ROUTES", mean_s=0.02, own__share=0.3, own__slow_s=0.2, order="as_arrives"
-    )
-    virtual = run(network)
-    latency_s = virtual.plant.downlink_latency_s
-    assert np.nanmin(latency_s) == pytest.approx(0.02)
-    assert np.nanmax(latency_s) == pytest.approx(0.22)
-    assert_same(run(network, engine="compiled"), virtual)
-
-
-@pytest.mark.parametrize("engine", ["virtual", "compiled"])
 def test_a_path_is_followed(engine: Any) -> None:
     bend = {"plant.path.kind": "own", **own("plant.path", "BEND", own__curvature_1_m=0.05)}
     made = run(bend, engine=engine)
@@ -161,7 +119,7 @@ def test_the_rig_s_own_equations_put_in_for_it_give_its_motion() -> None:
         "plant.actuator.rate_limit_rad_s": 0.3,
         "plant.vehicle.speed_m_s": 30.0 / 3.6,
         "plant.path": {"kind": "double_lane_change", "start_m": 1.0},
-        **own("plant.disturbance", "PUSHES"),
+        "plant.disturbance.steps": PUSH,
     }
     exact = run(busy).plant
     integrated = run(busy | own("plant.vehicle", "SAME")).plant
@@ -182,23 +140,12 @@ def test_compiled_runs_and_studies_refuse_other_equations(tmp_path: Path) -> Non
         run_study(file)
 
 
-@pytest.mark.parametrize("engine", ["virtual", "compiled"])
-def test_disturbances_are_those_of_a_settings_file(engine: Any) -> None:
-    steps = [
-        {"at_s": 0.5, "steering_offset_rad": 0.02},
-        {"at_s": 1.0, "side_force_n": 300.0, "friction": 0.8},
-    ]
-    ours = run({"plant.disturbance.steps": steps}, engine=engine)
-    assert np.max(np.abs(ours.plant.lateral_error_m)) > 1e-3
-    assert_same(run(own("plant.disturbance", "PUSHES"), engine=engine), ours)
-
-
 def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
-    network = own(DOWN, "TWO_ROUTES", own__slow_s=0.2)
-    settings = simulate(duration_s=0.1, overrides=network).plant_settings
+    bend = {"plant.path.kind": "own", **own("plant.path", "BEND", own__curvature_1_m=0.05)}
+    settings = simulate(duration_s=0.1, overrides=bend).plant_settings
     file = tmp_path / "plant.toml"
     file.write_text(dump_toml(settings), encoding="utf-8")
-    assert "[latency.downlink.own]\nshare = 0.1\nslow_s = 0.2\n" in dump_toml(settings)
+    assert "[path.own]\ncurvature_1_m = 0.05\n" in dump_toml(settings)
     assert load_settings(PlantSettings, file=file) == settings
     assert hash(load_settings(PlantSettings, file=file)) == hash(settings)
 
@@ -206,23 +153,23 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("overrides", "line"),
     [
-        (own(DOWN, "BEND"), "is no latency model but of type PathModel: it has to be a steer_by_w"),
         (
             {f"{DOWN}.model": "gama"},
             'model = "gama" is not a known one (did you mean gamma? allowed: constant,',
         ),
-        (own(DOWN, "TWO_ROUTES"), "latency.downlink: own.slow_s is missing (allowed: number from"),
         (
-            own(DOWN, "TWO_ROUTES", own__slow_s=0.2, own__shar=1),
-            "own: shar is not a known key (did you mean share?)",
+            own("plant.vehicle", "BEND"),
+            "is no vehicle model but of type PathModel: it has to be a ",
         ),
-        ({f"{DOWN}.own.share": 0.5}, "own: model = constant has no table of its own"),
         (
-            own(DOWN, "NEGATIVE"),
-            ":NEGATIVE gives -1.0 s at u = 0.001, mean_s = 0, spread_s = 0 (al",
+            {"plant.path": {"kind": "own", "model": f"{PARTS}:NEEDY"}},
+            "path: own.curvature_1_m is missing (allowed: number from",
         ),
-        (own(DOWN, "DIVIDES"), ":DIVIDES raises ZeroDivisionError: "),
-        (own(DOWN, "RARELY_NAN", mean_s=0.01), ":RARELY_NAN gives nan s at u = 0.6"),
+        (
+            {"plant.path": {"kind": "own", "model": f"{PARTS}:BEND", "own": {"curvatur": 1}}},
+            "own: curvatur is not a known key (did you mean curvature_1_m?)",
+        ),
+        ({"plant.vehicle.own.share": 0.5}, "own: model = None has no table of its own"),
         ({"plant.path": {"kind": "own"}}, "path.model is missing"),
         (
             {"plant.path": {"kind": "own", "model": "x"}},
@@ -238,18 +185,6 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
         ),
         (own("plant.vehicle", "SHORT"), ":SHORT raises TypeError: "),
         (own("plant.vehicle", "FALLS"), ":FALLS raises ZeroDivisionError: float division by zero"),
-        (
-            own("plant.disturbance", "BACKWARDS"),
-            "steps must follow each other in time: 0.5 after 1",
-        ),
-        (
-            own("plant.disturbance", "NUMBERS"),
-            ":NUMBERS gives steps.0: Input should be a valid dict",
-        ),
-        (
-            own("plant.disturbance", "PUSHES", steps=[{"at_s": 1}]),
-            "steps and model exclude each other",
-        ),
     ],
 )
 def test_what_is_wrong_with_it_is_said_in_one_line(overrides: dict[str, Any], line: str) -> None:
@@ -267,13 +202,12 @@ def test_a_vehicle_that_grows_without_bound_ends_the_run_safely() -> None:
 
 def test_one_that_fails_on_a_bus_leaves_a_report_and_one_line(tmp_path: Path) -> None:
     report = tmp_path / "plant.json"
-    network = ("latency.uplink.mean_s=0.01", f"latency.uplink.model={PARTS}:RARELY_NAN")
-    sets = [word for key in network for word in ("--set", key)]
+    sets = ("--set", f"vehicle.model={PARTS}:FALLS", "--set", "start_on_first_command=false")
     with launched_broker() as address:
         bus = ("-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={address}")
         with running("steer_by_wire.plant_emulator", [*bus, *sets], report) as plant:
             assert plant.end() == ExitStatus.SETTINGS
             errors = [line for line in plant.printed if "error:" in line]
             assert len(errors) == 1
-            assert f"latency model {PARTS}:RARELY_NAN gives nan s at u = 0.6" in errors[0]
+            assert f"vehicle model {PARTS}:FALLS raises ZeroDivisionError" in errors[0]
             assert errors[0].endswith(plant.report()["ended_by"])

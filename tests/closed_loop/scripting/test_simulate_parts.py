@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire import LatencyModel, SettingsError, simulate
+from steer_by_wire import SettingsError, VehicleModel, simulate
 from steer_by_wire.controller.laws.pd import LAW
 
 CELL = """
 from typing import NamedTuple
-from steer_by_wire import (
-    DisturbanceModel, DisturbanceStep, LatencyModel, Law, LawOutput, PathModel, path_of_curvature
-)
+from steer_by_wire import Law, LawOutput, PathModel, path_of_curvature
 
 class Gain(NamedTuple):
     rad_m: float
@@ -24,25 +22,20 @@ LAW = Law(
     lambda p, error_m: 0.0,
     lambda settings: Gain(SCALE),
 )
-NETWORK = LatencyModel(lambda u, mean_s, spread_s, own: 0.01 * SCALE)
 ROAD = PathModel(lambda own: path_of_curvature([(0.5, 0.0), (2.0, 0.02 * SCALE), (9.0, 0.0)]))
-WIND = DisturbanceModel(lambda own: [DisturbanceStep(at_s=0.5, side_force_n=100.0 * SCALE)])
 """
-STRAIGHT = {"plant.path.kind": "straight"}
 
 
 def overrides_with(part: str, cell: ModuleType) -> dict[str, Any]:
     of_part: dict[str, dict[str, Any]] = {
         "LAW": {"controller.law": vars(cell)["LAW"]},
-        "NETWORK": {"plant.latency.downlink.model": vars(cell)["NETWORK"]},
         "ROAD": {"plant.path": {"kind": "own", "model": vars(cell)["ROAD"]}},
-        "WIND": {"plant.disturbance.model": vars(cell)["WIND"]} | STRAIGHT,
     }
     return of_part[part]
 
 
 @pytest.mark.parametrize("engine", ["virtual", "compiled"])
-@pytest.mark.parametrize("part", ["LAW", "NETWORK", "ROAD", "WIND"])
+@pytest.mark.parametrize("part", ["LAW", "ROAD"])
 def test_a_part_that_a_cell_defines_anew_acts_at_once(
     part: str, engine: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -71,8 +64,8 @@ def test_the_record_of_a_run_names_the_place() -> None:
 
 
 def test_a_part_without_a_name_is_refused_in_one_line() -> None:
-    unnamed = {"plant.latency.downlink": {"model": LatencyModel(lambda *_: 0.0)}}
-    with pytest.raises(SettingsError, match="LatencyModel has no name at the top of a module"):
+    unnamed = {"plant.vehicle": {"model": VehicleModel(lambda *_: ())}}
+    with pytest.raises(SettingsError, match="VehicleModel has no name at the top of a module"):
         simulate(overrides=unnamed)
 
 

@@ -77,13 +77,6 @@ def check_two_studies(tables: Any) -> None:
     assert 0.2 < worst["in_order"] < 2.0
 
 
-def check_own_latency_model(runs: Any) -> None:
-    overtaken, queued = (np.nanmedian(run.plant.downlink_latency_s) for run in runs)
-    assert 0.02 < overtaken < 0.03
-    assert 0.10 < queued < 0.17
-    assert all(5.0 < rms_mm(run) < 6.5 for run in runs)
-
-
 def check_own_path(run: Any) -> None:
     assert np.max(run.plant.curvature_1_m) == pytest.approx(0.05, rel=0.02)
     assert 35.0 < rms_mm(run) < 45.0
@@ -127,7 +120,6 @@ CHECKS: dict[str, Callable[[Any], None]] = {
     "own_car_from_a_log": check_own_car,
     "own_network_from_a_log": check_own_network,
     "two_studies_compared": check_two_studies,
-    "own_latency_model": check_own_latency_model,
     "own_path": check_own_path,
     "own_vehicle": check_own_vehicle,
     "own_disturbance": check_own_disturbance,
