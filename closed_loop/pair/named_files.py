@@ -7,8 +7,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ...controller.laws import LAWS
-from ...controller.laws.plugin_law import place_of
 from ...dbc.foreign_messages import file_and_bus
 from ...runtime.settings import Settings
 
@@ -70,11 +68,10 @@ def _file_of(key: str, value: str) -> Path | None:
     """Return the file that a setting names, itself or by a part of another package."""
     if key in FILE_KEYS:
         return file_and_bus(Path(value))[0] if key == "rest_bus" else Path(value)
-    place = place_of(value) if key in PART_KEYS and value not in LAWS else None
-    if place is None:
+    if key not in PART_KEYS or ":" not in value:
         return None
     try:
-        found = find_spec(place.partition(":")[0])
+        found = find_spec(value.partition(":")[0])
     except (ImportError, ValueError):  # reported with the settings that name it
         return None
     return None if found is None or found.origin is None else Path(found.origin)

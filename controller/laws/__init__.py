@@ -1,8 +1,7 @@
 """The control laws: one module each, named as the law in the DBC, and found by that name.
 
 Not here: who runs a law (``node.law_runner``). Begin with ``pd``; ``law_from_settings`` wraps
-additions around a law. A law from another package is named ``package.module:ATTRIBUTE``, or by an
-entry point of the group ``steer_by_wire.laws``.
+additions around a law. A law from another package is named ``package.module:ATTRIBUTE``.
 """
 
 from collections.abc import Mapping

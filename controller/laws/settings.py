@@ -3,6 +3,7 @@
 Values from which no filter can be built are refused here, naming the key.
 """
 
+from functools import cache
 from math import pi
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
@@ -15,8 +16,15 @@ from pydantic import (
 )
 from pydantic_core import PydanticKnownError
 
+from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings
-from ...runtime.settings.plugin import PLUGIN_TABLE, TABLE_SCHEMA, PluginTable, plugin_table
+from ...runtime.settings.plugin import (
+    PLUGIN_TABLE,
+    TABLE_SCHEMA,
+    PluginTable,
+    find_part,
+    plugin_table,
+)
 from ..filters.settings import (
     CdobSettings,
     DobSettings,
@@ -31,19 +39,23 @@ from ..limits.designed_ranges import ValiditySettings
 from ..prediction.gains_over_speed import EstimatorSettings
 from . import LAWS
 from .feed_forward import FeedForwardSettings
-from .plugin_law import find_plugin_law, place_of
 from .set_point import FollowedPoint
 
 _Table = TypeVar("_Table", bound=Settings)
 
 
 def find_law(name: str) -> Law:
-    """Return the law with this name, ours or another package's; raises NoLawError."""
-    return LAWS[name] if name in LAWS else find_plugin_law(name)
+    """Return the law with this name, ours or one of another package; raises ValueError."""
+    return LAWS[name] if name in LAWS else _as_custom(find_part(name, Law, "law"))
+
+
+@cache
+def _as_custom(law: Law) -> Law:
+    return law._replace(number=LawNumber.CUSTOM)
 
 
 def _known_law(name: Any) -> Any:
-    if not isinstance(name, str) or (name not in LAWS and place_of(name) is None):
+    if not isinstance(name, str) or (name not in LAWS and ":" not in name):
         raise PydanticKnownError("enum", {"expected": ", ".join(LAWS)})
     find_law(name)
     return name

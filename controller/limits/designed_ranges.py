@@ -81,6 +81,12 @@ VALIDITY_IN_WORDS: Mapping[Validity, str] = {
     Validity.MODEL_MISFIT: "the model does not fit: the vehicle is none of the settings'",
 }
 
+REQUEST_IN_WORDS: Mapping[MotionRequest, str] = {
+    MotionRequest.NONE: "",
+    MotionRequest.SLOW_DOWN: "asks the vehicle to slow down",
+    MotionRequest.STOP: "asks the vehicle to stop",
+}
+
 
 class DesignedRanges(NamedTuple):
     """The ranges that are watched while the controller runs.

@@ -20,6 +20,13 @@ from ...dbc.messages import Mode
 from ...runtime.node import NS_PER_MS
 from ..settings import ControllerSettings
 
+IN_WORDS: Mapping[Mode, str] = {
+    Mode.WAITING: "WAITING for the plant's first LATERAL_ERROR",
+    Mode.ACTIVE: "ACTIVE: the law steers",
+    Mode.HOLDING: "HOLDING the last command: no measurements, no motion forward, or the law failed",
+    Mode.SAFE_STOP: "SAFE_STOP: the command ramps to zero",
+}
+
 
 class Supervision(NamedTuple):
     """When a measurement counts, and how long to hold without one.

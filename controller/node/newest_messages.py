@@ -22,11 +22,15 @@ from ..settings import ControllerSettings
 
 SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """The messages without which the controller falls back."""
+_NAMES = ("LATERAL_ERROR", "STEERING_STATUS", "VEHICLE_STATE")
 RECEIVED: tuple[type[Message], ...] = (*SUPERVISED, PathAhead)
 """The messages that the controller receives."""
 _APPLYING, _HOLDING = SteeringStatusCode.APPLYING, SteeringStatusCode.HOLDING
 SENT = sent_by("CONTROLLER")
 """The messages that the controller alone sends."""
+WHEN_LOST = "waiting for it until Ctrl-C (--exit-with-plant ends by itself)"
+"""What the controller does by default."""
+WHEN_ENDING = "ending when the command is back at zero"
 
 
 def acting_rad(
@@ -41,6 +45,17 @@ def acting_rad(
     """
     is_other = code >= SteeringStatusCode.LIMITED_BY_SAFETY and code is not _HOLDING
     return wheel_rad if is_other and age is Freshness.FRESH else sent_rad
+
+
+def plant_text(freshness: tuple[Freshness, ...], *, ends_with_plant: bool) -> str:
+    """Return which messages of the plant have stopped."""
+    stale = [name for name, age in zip(_NAMES, freshness, strict=True) if age is Freshness.STALE]
+    if len(stale) == len(_NAMES):
+        then = WHEN_ENDING if ends_with_plant else WHEN_LOST
+        return f"plant lost: all its messages have stopped; {then}"
+    if stale:
+        return f"plant: {' and '.join(stale)} stopped"
+    return "plant present" if Freshness.FRESH in freshness else ""
 
 
 class Received:

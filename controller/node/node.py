@@ -27,7 +27,7 @@ from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision, overrun_rule
 from ...runtime.node.periodic import PeriodicTimer
-from ..limits.designed_ranges import NOT_FORWARD_M_S, VALIDITY_IN_WORDS
+from ..limits.designed_ranges import NOT_FORWARD_M_S, REQUEST_IN_WORDS, VALIDITY_IN_WORDS
 from ..limits.fades_and_ramps import ramp_step
 from ..limits.steer_limits import limit_name, limit_step
 from ..settings import ControllerSettings
@@ -35,14 +35,13 @@ from .command_frames import CommandFrames
 from .driver_link import DriverLink
 from .law_runner import LawRunner
 from .model_fit import COMPARED, model_fit
-from .modes import Supervisor, supervision_of
-from .newest_messages import RECEIVED, SENT, Received
+from .modes import IN_WORDS, Supervisor, supervision_of
+from .newest_messages import RECEIVED, SENT, Received, plant_text
 from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
 from .reported_delay import NO_ECHO, delay_status, echo_delay_s, echo_rule, echo_step
 from .run_figures import ControlSample, RunFigures
 from .safety_alarms import SafetyReport
 from .status_frames import MODEL_PERIODS, STATUS_PERIOD_NS, StatusFrames
-from .view import MODES, REQUESTS, implausible_text, plant_text
 
 __all__ = ["RECEIVED", "SENT", "ControllerNode"]
 
@@ -221,13 +220,14 @@ class ControllerNode:
         """Return what a user should see now."""
         mode, received, facts = self._supervisor.mode, self._received, self._safety.facts
         reception, freshness = received.reception, received.freshness(now_ns)
+        contradiction = self._plausibility.contradiction
         states = {
-            "mode": MODES[mode],
+            "mode": IN_WORDS[mode],
             "plant": plant_text(freshness, ends_with_plant=self._ends_with_plant),
             "second sender": second_sender_line(reception.second_senders),
-            "signals": implausible_text(self._plausibility.contradiction),
+            "signals": contradiction and f"warning: signals of the plant: {contradiction}",
             "validity": VALIDITY_IN_WORDS[facts.validity],
-            "request": REQUESTS[facts.motion_request],
+            "request": REQUEST_IN_WORDS[facts.motion_request],
             "revision": OTHER_REVISION_TEXT if "other_revision" in reception.rejected else "",
             "failure": self._failure and f"fault: {self._failure}",
         }

@@ -14,7 +14,7 @@ back, so that the number of reports is bounded. Lost frames alone wait for the n
 network loses some all the time.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...dbc.messages import (
     ControllerFault,
@@ -37,7 +37,8 @@ INTERVAL_NS = 20_000_000
 """50 frames a second are 1.4 % of a 500 kbit/s bus, and 20 ms is a seventh of the 150 ms within
 which a refusal must be reported."""
 _AGES = ("lateral_error", "steering_status", "vehicle_state")
-_LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
+LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
+"""Values of the counters of frames, which wrap."""
 _ALL_FRESH = (Freshness.FRESH,) * len(SUPERVISED)
 _NO_OTHER, _STALE = SecondSender.NONE, Freshness.STALE
 _NOT_STEERED_FROM = SteeringStatusCode.FALLBACK
@@ -45,20 +46,7 @@ _NOT_STEERED_FROM = SteeringStatusCode.FALLBACK
 _DRIVER_STEERS = SteeringStatusCode.DRIVER_STEERS
 
 
-class SafetyFacts(NamedTuple):
-    """Facts that may have to be reported at once."""
-
-    rejected: int
-    lateral_error: Freshness
-    steering_status: Freshness
-    vehicle_state: Freshness
-    fault: ControllerFault
-    second_sender: SecondSender
-    validity: Validity
-    motion_request: MotionRequest
-
-
-def is_worse(x: SafetyFacts, reported: SafetyFacts) -> bool:
+def is_worse(x: ControllerSafety, reported: ControllerSafety) -> bool:
     """Whether a report must leave at once.
 
     A message has become stale, a fault was detected, or more is asked of the vehicle's drive.
@@ -66,30 +54,18 @@ def is_worse(x: SafetyFacts, reported: SafetyFacts) -> bool:
     return (
         x.fault is not reported.fault
         or x.motion_request > reported.motion_request
-        or (x.lateral_error is _STALE and reported.lateral_error is not _STALE)
-        or (x.steering_status is _STALE and reported.steering_status is not _STALE)
-        or (x.vehicle_state is _STALE and reported.vehicle_state is not _STALE)
+        or (x.lateral_error_freshness is _STALE and reported.lateral_error_freshness is not _STALE)
+        or (
+            x.steering_status_freshness is _STALE
+            and reported.steering_status_freshness is not _STALE
+        )
+        or (x.vehicle_state_freshness is _STALE and reported.vehicle_state_freshness is not _STALE)
     )
 
 
-def is_report_due(x: SafetyFacts, reported: SafetyFacts, since_ns: int) -> bool:
+def is_report_due(x: ControllerSafety, reported: ControllerSafety, since_ns: int) -> bool:
     """Whether to report facts before the next cycle, ``since_ns`` after the last report."""
     return x != reported and (since_ns >= INTERVAL_NS or is_worse(x, reported))
-
-
-def controller_safety(x: SafetyFacts, lost: int) -> ControllerSafety:
-    """Return the message."""
-    return ControllerSafety(
-        rejected=x.rejected % _LOST_COUNTERS,
-        lost=lost % _LOST_COUNTERS,
-        lateral_error_freshness=x.lateral_error,
-        steering_status_freshness=x.steering_status,
-        vehicle_state_freshness=x.vehicle_state,
-        fault=x.fault,
-        second_sender=x.second_sender,
-        validity=x.validity,
-        motion_request=x.motion_request,
-    )
 
 
 def facts_of(
@@ -103,15 +79,25 @@ def facts_of(
     mode: Mode,
     goes_forward: bool,
     steering: SteeringStatusCode,
-) -> SafetyFacts:
-    """Return the facts; the vehicle must stop where it is not steered, or soon will not be."""
+) -> ControllerSafety:
+    """Return the message without the frames lost, which alone are no reason to report.
+
+    The vehicle must stop where it is not steered, or soon will not be.
+    """
     is_stopping = mode is Mode.SAFE_STOP or not goes_forward
     is_unsteered = steering >= _NOT_STEERED_FROM and steering is not _DRIVER_STEERS
     request = request_of(validity, is_stopping or is_unsteered)
-    return SafetyFacts(
-        refused, lateral_error, steering_status, vehicle_state, fault, second_sender, validity,
-        request,
-    )  # fmt: skip
+    return ControllerSafety(
+        rejected=refused % LOST_COUNTERS,
+        lost=0,
+        lateral_error_freshness=lateral_error,
+        steering_status_freshness=steering_status,
+        vehicle_state_freshness=vehicle_state,
+        fault=fault,
+        second_sender=second_sender,
+        validity=validity,
+        motion_request=request,
+    )
 
 
 class SafetyReport:
@@ -127,21 +113,17 @@ class SafetyReport:
     ) -> None:
         self._ranges, self._received, self._modes = ranges, received, modes
         self.validity = validity_of(self._ranges, None, None, True)
-        self.facts = SafetyFacts(
-            0,
-            *received.freshness(start_ns),
-            ControllerFault.NONE,
-            _NO_OTHER,
-            self.validity,
-            MotionRequest.NONE,
+        self.facts = ControllerSafety(
+            *(0, 0, *received.freshness(start_ns), ControllerFault.NONE, _NO_OTHER),
+            *(self.validity, MotionRequest.NONE),
         )
         self._found_from: tuple[Any, ...] = ()
         """What the facts were found from, besides times."""
         self._fresh_until_ns = -1
         """Until when the facts hold, if that has not changed [ns]."""
-        self._before: SafetyFacts | None = None
+        self._before: ControllerSafety | None = None
         self.went_stale = dict.fromkeys(_AGES, 0)
-        self._reported: SafetyFacts | None = None
+        self._reported: ControllerSafety | None = None
         self._reported_ns = 0
         self._sender = Sender(ControllerSafety)
 
@@ -162,7 +144,8 @@ class SafetyReport:
             return False
         if before is not None and facts != before:
             for name in _AGES:
-                if getattr(facts, name) is _STALE and getattr(before, name) is not _STALE:
+                field = f"{name}_freshness"
+                if getattr(facts, field) is _STALE and getattr(before, field) is not _STALE:
                     self.went_stale[name] += 1
         self._before = facts
         return reported is not None and is_report_due(facts, reported, now_ns - self._reported_ns)
@@ -174,9 +157,9 @@ class SafetyReport:
         """
         facts, lost = self._facts_at(fault, now_ns), self._received.reception.lost
         self._reported, self._reported_ns = facts, now_ns
-        return self._sender.frame(controller_safety(facts, lost))
+        return self._sender.frame(facts._replace(lost=lost % LOST_COUNTERS))
 
-    def _facts_at(self, fault: ControllerFault, now_ns: int) -> SafetyFacts:
+    def _facts_at(self, fault: ControllerFault, now_ns: int) -> ControllerSafety:
         received, modes, validity = self._received, self._modes, self.validity
         found_from = (
             received.reception.refused, received.unauthenticated, fault, validity,

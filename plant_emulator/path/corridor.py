@@ -12,12 +12,19 @@ sections 5 and 6 are in line, to that of section 3.
 
 The body is a rectangle. It is outside where a side of it is beyond an edge between the first and
 the last cone of a section: at a corner, or at a cone next to it.
+
+The path through the corridor changes lanes more gently than `double_lane_change`: it begins before
+the cones of a section end, and ends beyond the first ones of the next.
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
-from .path import Path, Pose, vehicle_pose
+import numpy as np
+
+from .ellipse_and_lane_changes import lane_change, path_of_curvature
+from .path import Path, Pose, pose, vehicle_pose
 from .settings import CorridorSettings, PathSettings
 
 _LENGTHS_M = (15.0, 30.0, 25.0, 25.0, 15.0, 15.0)
@@ -27,6 +34,10 @@ _WIDER_M = 0.25
 CORRIDOR_M = sum(_LENGTHS_M)
 _LONGER_M = 5.0
 """The path through the corridor is longer than the road by less."""
+_KEPT = 8
+"""Paths cached for the next run: each takes about 30 ms to compute."""
+_STEP_M, _HALVINGS = 0.5, 8
+"""Of the search for that path: between two places, and of the interval."""
 
 
 class Section(NamedTuple):
@@ -120,3 +131,37 @@ def outside_at(
         return BETWEEN
     where = arc_length_m, heading_error_rad, lateral_error_m, preview_m
     return body_outside(corridor, vehicle_pose(path, *where))
+
+
+@lru_cache(maxsize=_KEPT)
+def through_corridor(settings: CorridorSettings) -> Path:
+    """Return the path with the longest lane changes that leave half of the free space.
+
+    A body that follows it with its centre of gravity keeps half of what the narrowest section
+    leaves to every edge.
+    """
+    corridor = cones_and_body(settings)
+    first, third, fifth, _ = corridor.sections
+    free_m = 0.5 * (first.left_m - first.right_m) - corridor.side_m
+    middle_m = [0.5 * (section.left_m + section.right_m) for section in (first, third, fifth)]
+
+    def eased(by_m: float) -> Path:
+        """Return the path whose lane changes are longer by this at either end."""
+        out_m = third.from_m - first.to_m + 2.0 * by_m
+        way_out = lane_change(first.to_m - by_m, middle_m[1] - middle_m[0], out_m)
+        back_at_m = way_out[-1][0] + third.to_m - third.from_m - 2.0 * by_m
+        back_m = fifth.from_m - third.to_m + 2.0 * by_m
+        return path_of_curvature(
+            way_out + lane_change(back_at_m, middle_m[2] - middle_m[1], back_m)
+        )
+
+    def keeps_free(path: Path) -> bool:
+        places = np.arange(first.from_m - corridor.front_m, path.length_m + 1.0, _STEP_M).tolist()
+        worst = max(body_outside(corridor, pose(path, at_m)) for at_m in places)
+        return worst.outside_m <= -0.5 * free_m
+
+    low_m, high_m = 0.0, 0.5 * (third.to_m - third.from_m)
+    for _ in range(_HALVINGS):
+        by_m = 0.5 * (low_m + high_m)
+        low_m, high_m = (by_m, high_m) if keeps_free(eased(by_m)) else (low_m, by_m)
+    return eased(low_m)

@@ -1,5 +1,6 @@
 """The path that settings describe."""
 
+from .corridor import through_corridor
 from .ellipse_and_lane_changes import (
     circle,
     double_lane_change,
@@ -8,7 +9,6 @@ from .ellipse_and_lane_changes import (
     straight,
 )
 from .path import Path
-from .path_through_corridor import through_corridor
 from .settings import (
     CircleSettings,
     CorridorSettings,

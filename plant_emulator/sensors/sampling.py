@@ -1,4 +1,16 @@
-"""Messages of a sample: LATERAL_ERROR and STEERING_STATUS always, the others at some."""
+"""Messages of a sample: LATERAL_ERROR and STEERING_STATUS always, the others at some.
+
+Sensor noise is white, Gaussian and additive, one number per quantity and sample:
+
+    measured = true + standard deviation · Φ⁻¹(u),   u uniform in (0, 1)
+
+Every sample takes three uniforms, whatever the deviations, so that switching one noise on does not
+change the others. With a deviation of 0 the true value passes unchanged.
+"""
+
+from collections.abc import Iterator
+from statistics import NormalDist
+from typing import NamedTuple
 
 from ...dbc.messages import (
     CAN_IDS,
@@ -14,13 +26,36 @@ from ..network.latency_line import LatencyLine
 from ..network.random_streams import Stream, uniforms
 from ..vehicle.moving_vehicle import Motion
 from .frames import SensorFrames
-from .noise import Readings, with_noise
 from .path_ahead import curvatures_ahead_1_m, spacing_m
 from .settings import PathAheadSettings, SensorNoiseSettings
 
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 _ERROR_ID, _STATUS_ID = CAN_IDS[LateralError], CAN_IDS[SteeringStatus]
 _STATE_ID, _PATH_ID = CAN_IDS[VehicleState], CAN_IDS[PathAhead]
+_STANDARD_NORMAL = NormalDist()
+
+
+class Readings(NamedTuple):
+    """One sample of the quantities measured with noise."""
+
+    lateral_error_m: float
+    heading_error_rad: float
+    yaw_rate_rad_s: float
+
+
+Sample = tuple[float, float, float]
+"""The values of ``Readings``."""
+
+
+def with_noise(true: Sample, deviation: Readings, uniforms: Iterator[float]) -> Sample:
+    """Return the sample with noise; takes three uniforms in (0, 1)."""
+    normal = _STANDARD_NORMAL.inv_cdf
+    error_m, heading_rad, yaw_rate_rad_s = true
+    return (
+        error_m + deviation.lateral_error_m * normal(next(uniforms)),
+        heading_rad + deviation.heading_error_rad * normal(next(uniforms)),
+        yaw_rate_rad_s + deviation.yaw_rate_rad_s * normal(next(uniforms)),
+    )
 
 
 def samples_per_vehicle_state(sensor_period_ns: int) -> int:

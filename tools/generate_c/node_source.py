@@ -29,11 +29,7 @@ from steer_by_wire.controller.node.reported_delay import (
     echo_rule,
     echo_step,
 )
-from steer_by_wire.controller.node.safety_alarms import (
-    controller_safety,
-    facts_of,
-    is_report_due,
-)
+from steer_by_wire.controller.node.safety_alarms import LOST_COUNTERS, facts_of, is_report_due
 from steer_by_wire.controller.node.status_frames import STATUS_PERIOD_NS, controller_status
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.codec.counter_rule import counter_step, start_counters
@@ -66,7 +62,7 @@ _RULES: tuple[Callable[..., Any], ...] = (
     *(freshness, acting_rad, share_of_demand),
     *(echoed_age, echo_step, echo_delay_s, delay_status),
     *(start_fit, fit_step, validity_of),
-    *(second_sender_at, facts_of, is_report_due, controller_safety, controller_status),
+    *(second_sender_at, facts_of, is_report_due, controller_status),
 )
 _HEADER = """\
 /* {title}
@@ -172,6 +168,7 @@ def _defines(settings: ControllerSettings) -> Iterator[tuple[str, str]]:
     yield "STATUS_PERIOD_NS", str(STATUS_PERIOD_NS)
     yield "COMMAND_COUNTERS", str(COMMAND_COUNTERS)
     yield "COUNTERS", str(COUNTERS)
+    yield "LOST_COUNTERS", str(LOST_COUNTERS)
     yield "LAW_FAILURES_MAX", str(FAILURES_MAX)
     yield "NOT_FORWARD_M_S", hexadecimal(NOT_FORWARD_M_S)
     yield "HAS_MODEL_FIT", str(int(_fit(settings) is not None))

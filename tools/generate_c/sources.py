@@ -96,14 +96,17 @@ def reached(roots: Sequence[Callable[..., Any]]) -> list[Source]:
 
 
 def records_of(sources: Sequence[Source]) -> Records:
-    """Return the structs of functions, with the names that the functions use."""
+    """Return the structs of functions, with the fields that the functions read or give by name."""
     aliases = names_of_tuples(source.function.__globals__ for source in sources)
     taken_apart: dict[object, tuple[str, ...]] = {}
     read: set[str] = set()
     for source in sources:
         for hint, names in _taken_apart(source, hints_of(source)):
             taken_apart.setdefault(hint, names)
-        read |= {node.attr for node in ast.walk(source.tree) if isinstance(node, ast.Attribute)}
+        for node in ast.walk(source.tree):
+            match node:
+                case ast.Attribute(attr=str(name)) | ast.keyword(arg=str(name)):
+                    read.add(name)
     return Records(aliases, taken_apart, frozenset(read))
 
 

@@ -1,7 +1,7 @@
 """Live view of the controller: peer, modes, refused frames."""
 
+from steer_by_wire.controller.node.newest_messages import plant_text
 from steer_by_wire.controller.node.node import ControllerNode
-from steer_by_wire.controller.node.view import plant_text
 from steer_by_wire.dbc.codec.protection import protect
 from steer_by_wire.dbc.messages import (
     CAN_IDS,

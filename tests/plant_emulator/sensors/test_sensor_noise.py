@@ -4,7 +4,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from steer_by_wire.plant_emulator.sensors.noise import Readings, with_noise
+from steer_by_wire.plant_emulator.sensors.sampling import Readings, with_noise
 
 NOTHING = Readings(0.0, 0.0, 0.0)
 

@@ -3,8 +3,7 @@
 import re
 import traceback
 from collections.abc import Sequence
-from importlib import import_module, metadata
-from importlib.metadata import EntryPoint, EntryPoints
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,6 @@ from steer_by_wire.closed_loop.compiled.step_functions import ForeignParamsError
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.controller.command_line import program
-from steer_by_wire.controller.laws import plugin_law
-from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import ControllerStatus, LawNumber, Mode, Rejection, decode
@@ -104,13 +101,6 @@ def test_a_law_without_pd_needs_no_table_pd_and_the_example_does() -> None:
     assert ControllerSettings.model_validate(asleep).pd is None
     with pytest.raises(ValueError, match=r"needs the table \[pd\]"):
         ControllerSettings.model_validate({**asleep, "law": OWN})
-
-
-def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    installed = EntryPoints([EntryPoint("integral_pd", OWN, plugin_law.GROUP)])
-    monkeypatch.setattr(metadata, "entry_points", installed.select)
-    plugin_law.place_of.cache_clear()
-    assert design_law(controller("integral_pd")).params == design_law(controller(OWN)).params
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,7 @@ static double wanted(struct node *x, int64_t now_ns)
 
 /* Reports */
 
-static struct safety_facts facts_at(const struct node *x, int64_t now_ns)
+static struct controller_safety facts_at(const struct node *x, int64_t now_ns)
 {
     return facts_of(x->refused, freshness_of(x, A_LATERAL_ERROR, now_ns),
                     freshness_of(x, A_STEERING_STATUS, now_ns),
@@ -204,7 +204,9 @@ static struct frame safety_frame(struct node *x, int64_t now_ns)
 {
     x->facts = facts_at(x, now_ns);
     x->reported_ns = now_ns;
-    const struct controller_safety safety = controller_safety(&x->facts, x->lost);
+    struct controller_safety safety = x->facts;
+
+    safety.lost = x->lost % LOST_COUNTERS;
     return controller_safety_frame(&safety, x->counters[SAFETY]++);
 }
 
@@ -255,7 +257,7 @@ int node_on_tick(struct node *x, int64_t now_ns, struct frame frames[SENT_MAX])
             x->sent_ns[x->commands++ % IN_FLIGHT] = now_ns;
             frames[count++] = steering_command_frame(&command, x->counters[COMMAND]++);
         }
-        const struct safety_facts facts = facts_at(x, now_ns);
+        const struct controller_safety facts = facts_at(x, now_ns);
         is_due = is_report_due(&facts, &x->facts, now_ns - x->reported_ns);
         x->has_failed = fault(x) != CONTROLLER_FAULT_NONE && x->sent_rad == 0.0;
     }

@@ -51,7 +51,7 @@ struct node {
     double speeds_m_s, yaw_rates_rad_s, wheels_rad, reported;
     int64_t judged_ns, validity;
     struct fit_state fit;
-    struct safety_facts facts; /* reported last, at reported_ns */
+    struct controller_safety facts; /* reported last, at reported_ns */
     int64_t reported_ns;
     uint8_t counters[SENT_MAX];
 };
