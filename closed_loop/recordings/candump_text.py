@@ -9,7 +9,6 @@
 """
 
 import re
-from collections.abc import Callable
 from datetime import datetime
 
 from ...runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
@@ -32,21 +31,21 @@ _PLAIN = re.compile(
 )
 
 
-def candump_reader() -> Callable[[str], Logged | None]:
-    """Return what reads a line: a frame, or None where it says none; ValueError."""
-    is_error = False
+class CandumpReader:
+    """Reads lines of what candump has printed or logged."""
 
-    def read(line: str) -> Logged | None:
-        nonlocal is_error
+    def __init__(self) -> None:
+        self._is_error = False
+
+    def __call__(self, line: str) -> Logged | None:
+        """Read a line: a frame, or None where it says none; raises ValueError."""
         line = _COLOURS.sub("", line)
-        if not line.strip() or (is_error and line.startswith("\t")):  # its words: candump -e
+        if not line.strip() or (self._is_error and line.startswith("\t")):  # words: candump -e
             return None
         entry = parse_entry(line)
         taken = _plain(line) if entry is None else logged(*entry)
-        is_error = bool(taken.frame.flags & ERROR)
+        self._is_error = bool(taken.frame.flags & ERROR)
         return taken
-
-    return read
 
 
 def _plain(line: str) -> Logged:

@@ -1,7 +1,5 @@
-"""What reading a log needs and leaves: frames, lines, times, and a count of what is not read."""
+"""What reading a log needs and leaves: frames, times, and a count of what is not read."""
 
-import gzip
-import io
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -9,10 +7,7 @@ from typing import NamedTuple
 from ...runtime.frame import ERROR, EXTENDED, FD, Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.settings import SettingsError
-from ...runtime.settings.settings import encoding_of
 
-LINE_LENGTH_MAX = 1 << 16
-"""A longer line ends the log: binary data may have no line ends, and a device has no end."""
 TIME_NS_LIMIT = 1 << 62
 """The year 2116: a later time is a misprint, and differences of times must fit into 64 bits."""
 CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
@@ -63,6 +58,7 @@ class LogState:
         self.path = path
         self.unreadable = 0
         self.first_unreadable = self.cut_off = ""
+        self._line_number = 0
         self._raw = path.open("rb")
         self._size = max(path.stat().st_size, 1)
 
@@ -76,56 +72,11 @@ class LogState:
     def count_unreadable(self, why: str) -> None:
         """Count what was read last."""
         self.unreadable += 1
-        self.first_unreadable = self.first_unreadable or f"{self.path}: {why}"
+        place = f":{self._line_number}" if self._line_number else ""
+        self.first_unreadable = self.first_unreadable or f"{self.path}{place}: {why}"
 
     def close(self) -> None:
         """Close the file."""
-        self._raw.close()
-
-
-class TextLines(LogState):
-    """Iterates over the lines of ``path``, unpacked if its name ends with .gz; OSError.
-
-    ``has_end``  whether the line that was read last ends with a line end
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self.number = 0
-        self.has_end = True
-        try:
-            file = gzip.GzipFile(fileobj=self._raw) if path.suffix == ".gz" else self._raw
-            encoding = encoding_of(file.peek(3))
-        except BaseException:
-            self._raw.close()
-            raise
-        self._file = io.TextIOWrapper(file, encoding, errors="replace")
-
-    def __iter__(self) -> "TextLines":
-        return self
-
-    def __next__(self) -> str:
-        line = self._file.readline(LINE_LENGTH_MAX)
-        if not line:
-            raise StopIteration
-        self.number += 1
-        self.has_end = line.endswith("\n")
-        if len(line) >= LINE_LENGTH_MAX and not self.has_end:
-            self.count_unreadable(f"no text: a line of more than {LINE_LENGTH_MAX} characters")
-            raise StopIteration
-        return line
-
-    def count_unreadable(self, why: str) -> None:
-        """Count the line that was read last."""
-        if not self.has_end:
-            why = why if why.startswith("no text") else "the last line has no end"
-            self.cut_off = why
-        self.unreadable += 1
-        self.first_unreadable = self.first_unreadable or f"{self.path}:{self.number}: {why}"
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
         self._raw.close()
 
 
