@@ -19,15 +19,11 @@ Transactions on Robotics and Automation 18(1), 2002).
 """
 
 from collections.abc import Callable, Mapping
-from math import exp
 from types import MappingProxyType
 from typing import NamedTuple
 
 from ..dbc.messages import Message, SteeringForce, SteeringStatus
-from .sampled_laws import zero_order_hold
-from .wheel import LinearSystem
-
-Row = tuple[float, float, float]
+from .wheel import Row
 
 
 class FeedbackParams(NamedTuple):
@@ -135,17 +131,6 @@ def resist(p: FeedbackParams, x: FeedbackState, against_n_m: float, rate_rad_s: 
         torque_n_m -= damping_n_m_s * rate_rad_s
         energy_j += damping_n_m_s * squared_s
     return FeedbackState(x.nominal, x.observed_n_m, x.slow_n_m, energy_j), torque_n_m
-
-
-def sampled_model(road: LinearSystem, cycle_s: float) -> tuple[tuple[Row, Row, Row], Row, Row]:
-    """Return G_n, with a servo of first order, and its input held for a cycle, as tuples."""
-    a, b, c = (part.tolist() for part in zero_order_hold(road, cycle_s))
-    return (tuple(a[0]), tuple(a[1]), tuple(a[2])), tuple(b), tuple(c)
-
-
-def kept_of(cutoff_rad_s: float, cycle_s: float) -> float:
-    """Return the share of a low-pass's state that a cycle leaves."""
-    return exp(-cutoff_rad_s * cycle_s)
 
 
 FEEDBACK_AT_REST = FeedbackState((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from .wheel import LinearSystem, Matrix
+from .wheel import LinearSystem, Matrix, Row
 
 
 class SampledLaw(NamedTuple):
@@ -64,7 +64,7 @@ def sampled_cdob(
     """Return a communication disturbance observer; a washout of 0: none."""
     model = zero_order_hold(nominal, cycle_s)
     order = len(model.b)
-    kept, kept_slow = exp(-cutoff_rad_s * cycle_s), exp(-washout_rad_s * cycle_s)
+    kept, kept_slow = kept_of(cutoff_rad_s, cycle_s), kept_of(washout_rad_s, cycle_s)
     a = block_diag(model.a, kept, kept_slow)
     a[order, :order] = (1.0 - kept) * model.c
     a[order + 1, order] = 1.0 - kept_slow
@@ -100,5 +100,16 @@ def zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:
 
 def _low_pass(cutoff_rad_s: float, cycle_s: float) -> tuple[float, float]:
     """Return what a cycle keeps of a low-pass, and the rate per angle less its low-pass [1/s]."""
-    kept = exp(-cutoff_rad_s * cycle_s)
+    kept = kept_of(cutoff_rad_s, cycle_s)
     return kept, (1.0 - kept) / cycle_s
+
+
+def sampled_model(road: LinearSystem, cycle_s: float) -> tuple[tuple[Row, Row, Row], Row, Row]:
+    """Return G_n, with a servo of first order, and its input held for a cycle, as tuples."""
+    a, b, c = (part.tolist() for part in zero_order_hold(road, cycle_s))
+    return (tuple(a[0]), tuple(a[1]), tuple(a[2])), tuple(b), tuple(c)
+
+
+def kept_of(cutoff_rad_s: float, cycle_s: float) -> float:
+    """Return the share of a low-pass's state that a cycle leaves."""
+    return exp(-cutoff_rad_s * cycle_s)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Matrix = NDArray[np.float64]
+Row = tuple[float, float, float]
 
 
 class LinearSystem(NamedTuple):

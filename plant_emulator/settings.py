@@ -164,6 +164,12 @@ class PlantSettings(Settings):
         """Period of the sensors [ns]."""
         return round(self.sensor_period_ms * NS_PER_MS)
 
+    @property
+    def force_period_ns(self) -> int:
+        """Period of STEERING_FORCE [ns], 0 where it is not sent."""
+        force = self.steering_force
+        return 0 if force is None else round(force.period_ms * NS_PER_MS)
+
 
 def _failure(fault: FaultSettings) -> Failure:
     start_ns = round(fault.onset_s * NS_PER_S)

@@ -30,7 +30,7 @@ if sys.platform != "win32":
     import fcntl
 
 _config: Any = numba.config
-_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "closed_loop/compiled")
+_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "hand_wheel", "closed_loop/compiled")
 _SUFFIXES = (".py", ".dbc")
 _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""

@@ -10,10 +10,11 @@ import math
 from collections.abc import Sequence
 from enum import StrEnum
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ...controller.laws.law_from_settings import design_law
 from ...controller.limits.designed_ranges import NOT_FORWARD_M_S, share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber, Mode
@@ -40,9 +41,10 @@ from ...runtime.node import NS_PER_S
 from ...runtime.settings import SettingsError
 from ...runtime.settings.plugin import Part
 from .along_path import cg_deviations_m
+from .hand_wheel import Wheel, wheel_of
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, Inbox, quantised
-from .loop import COMPLETE, LAW_FAILED, OVERRULED, SPEED_CHANGED, run_segment
+from .loop import COMPLETE, LAW_FAILED, OVERRULED, SPEED_CHANGED, TAKEN_OVER, run_segment
 from .loop_records import Constants, Instants, Records, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
 from .schedule import (
@@ -52,8 +54,17 @@ from .schedule import (
     schedule_run,
 )
 
+if TYPE_CHECKING:
+    from ...hand_wheel.settings import HandWheelSettings
+
 _guard = lru_cache(maxsize=256)(design_guard)
 """Kept for the next run with the same plant."""
+
+
+@lru_cache(maxsize=256)
+def _reads_history(controller: ControllerSettings) -> bool:
+    return design_law(controller).reads_history
+
 
 _MOTIONS_KEPT = 32
 """Motions cached for the next run with the same plant: about 2 MB each."""
@@ -121,6 +132,7 @@ class CompiledRun(NamedTuple):
     played_rad: FloatArray | None
     schedule: RunSchedule
     motion: AnyMotionParams
+    wheel: Wheel | None
 
     @property
     def cg_deviation_m(self) -> FloatArray:
@@ -140,7 +152,8 @@ class CompiledRun(NamedTuple):
     @property
     def command_rad(self) -> FloatArray:
         """The command in effect at each sample, as on the wire; NaN before the first."""
-        sent_at = self.schedule.command_tick[self.command[self.command >= 0]]
+        in_effect = self.schedule.command_tick[self.command[self.command >= 0]]
+        sent_at = in_effect - self.schedule.first_tick
         command_rad = np.full(len(self.command), np.nan)
         raw = np.rint(self.sent_rad[sent_at] / STEER_RESOLUTION_RAD)
         command_rad[self.command >= 0] = raw * STEER_RESOLUTION_RAD
@@ -178,12 +191,16 @@ def rms_of(values: FloatArray) -> float:
 
 
 def run_compiled(
-    plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule | None = None
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    schedule: RunSchedule | None = None,
+    hand_wheel: "HandWheelSettings | None" = None,
 ) -> CompiledRun:
     """Run one pair to its end, on a wire that takes no time.
 
-    ``schedule``  made from the same settings; runs that differ in law, vehicle or path only may
-                  share it
+    ``schedule``    made from the same settings; runs that differ in law, vehicle or path only may
+                    share it
+    ``hand_wheel``  of ``with_hand_wheel``, with the other two; None: there is none
 
     Raises FaultsNotCompiledError for settings with faults, HandWheelNotCompiledError for those of a
     hand wheel, OwnVehicleNotCompiledError for a vehicle of another package,
@@ -197,16 +214,7 @@ def run_compiled(
             f"faults: {of_frames} of frames given, but compiled runs have none; leave these out, or"
             " run the nodes: steer-by-wire run"
         )
-    for key, table in (
-        ("plant.hand_wheel", plant.hand_wheel),
-        ("plant.steering_force", plant.steering_force),
-        ("controller.hand_wheel", controller.hand_wheel),
-    ):
-        if table is not None:
-            raise HandWheelNotCompiledError(
-                f"{key}: compiled runs have no hand wheel; leave it out, or run the nodes:"
-                " steer-by-wire run --hand-wheel still"
-            )
+    _refuse_hand_wheel(plant, controller, hand_wheel)
     if plant.vehicle.model is not None:
         raise OwnVehicleNotCompiledError(
             f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the plant's own equations"
@@ -218,8 +226,14 @@ def run_compiled(
             " faster, or run the nodes: steer-by-wire run"
         )
     law = compiled_law(controller)
-    schedule = schedule_run(plant, controller) if schedule is None else schedule
-    needed = law, schedule, plant, controller
+    if schedule is None:
+        schedule = schedule_run(plant, controller, hand_wheel)
+    wheel = None
+    if hand_wheel is not None and schedule.wheel is not None:
+        wheel = wheel_of(plant, controller, hand_wheel, schedule.wheel)
+        tick_status = schedule.measurements.status_in_use
+        return _run_whole(law, schedule, plant, controller, wheel, tick_status=tick_status)
+    needed = law, schedule, plant, controller, wheel
     try:
         return _run_whole(*needed, tick_status=_NONE)
     except _OverruledError:
@@ -227,11 +241,39 @@ def run_compiled(
         return _run_whole(*needed, tick_status=schedule.measurements.status_in_use)
 
 
+def _refuse_hand_wheel(
+    plant: PlantSettings, controller: ControllerSettings, hand_wheel: "HandWheelSettings | None"
+) -> None:
+    """Raise HandWheelNotCompiledError for what a run without this hand wheel does not have."""
+    for key, table in (
+        ("plant.hand_wheel", plant.hand_wheel),
+        ("plant.steering_force", plant.steering_force),
+        ("controller.hand_wheel", controller.hand_wheel),
+    ):
+        if hand_wheel is None and table is not None:
+            raise HandWheelNotCompiledError(
+                f"{key}: this compiled run has no hand wheel; leave it out, give one"
+                " (simulate(hand_wheel=)), or run the nodes: steer-by-wire run --hand-wheel still"
+            )
+    if hand_wheel is not None and _reads_history(controller):
+        raise HandWheelNotCompiledError(
+            f"law = {controller.law!r} reads the history of the bus, which compiled runs do not"
+            " have with a hand wheel; run the nodes: steer-by-wire run --hand-wheel"
+        )
+    for way, line in (("downlink", plant.latency.downlink), ("uplink", plant.latency.uplink)):
+        if hand_wheel is not None and line.has_trace:
+            raise HandWheelNotCompiledError(
+                f"plant.latency.{way}: compiled runs have no trace of latencies with a hand wheel;"
+                " leave it out, or run the nodes: steer-by-wire run --hand-wheel"
+            )
+
+
 def _run_whole(
     law: CompiledLaw,
     schedule: RunSchedule,
     plant: PlantSettings,
     controller: ControllerSettings,
+    wheel: Wheel | None,
     *,
     tick_status: IntArray,
 ) -> CompiledRun:
@@ -244,7 +286,7 @@ def _run_whole(
     instants = Instants(*schedule[:6], tick_status, *states)
     reads_speed = design.params_at is not None
     constants = _constants(plant, controller, schedule, reads_speed=reads_speed)
-    world = (motion, constants, instants, records, inbox)
+    world = (motion, constants, instants, records, inbox, wheel)
     samples, ticks, code = _run(law, world, schedule, plant, controller)
     if code == OVERRULED:
         raise _OverruledError
@@ -256,18 +298,19 @@ def _run_whole(
                 " compiled runs have no car that stands; run the nodes: steer-by-wire run"
             )
     played_rad = None if inbox is None or design.plan is None else inbox.played_rad
-    return _collected(schedule, motion, records, played_rad, samples, ticks, _OUTCOMES[code])
+    ended = samples, ticks, _OUTCOMES[code]
+    return _collected(schedule, motion, records, played_rad, wheel, *ended)
 
 
 def _run(
     law: CompiledLaw,
-    world: tuple[AnyMotionParams, Constants, Instants, Records, Inbox | None],
+    world: tuple[AnyMotionParams, Constants, Instants, Records, Inbox | None, Wheel | None],
     schedule: RunSchedule,
     plant: PlantSettings,
     controller: ControllerSettings,
 ) -> tuple[int, int, int]:
     """Run all segments; returns the samples taken, the ticks done, and how the run ended."""
-    motion, constants, instants, records, inbox = world
+    motion, constants, instants, records, inbox, wheel = world
     varies = plant.car is not None
     design, samples, ticks, outcome = law.design, 0, 0, COMPLETE
     # Named until the end, because the loop has their addresses alone.
@@ -277,7 +320,14 @@ def _run(
     code = LawCode(law.step, law.plan, params.address, state_at, memory.address)
     segments = schedule.segments if len(schedule.tick_ns) else ()
     before, is_start = Mode.WAITING, True
-    if not plant.start_on_first_command:
+
+    def start_law(error_m: float) -> None:
+        if before in (Mode.HOLDING, Mode.ACTIVE) and design.recovered_state is not None:
+            state[...] = design.recovered_state(unpacked(state.item(), law.start), error_m)
+        else:
+            state[...] = design.initial_state(error_m)
+
+    if not plant.start_on_first_command and wheel is None:
         segments = (Segment(int(Mode.WAITING), 0, 0, False), *segments)
     for segment in segments:
         if segment.mode == Mode.ACTIVE:
@@ -287,16 +337,12 @@ def _run(
                 error_m = quantised(reading_m, LATERAL_ERROR_RESOLUTION_M)
             else:
                 error_m = float(records.measured_m[sample])
-            if before in (Mode.HOLDING, Mode.ACTIVE) and design.recovered_state is not None:
-                before_m = unpacked(state.item(), law.start)
-                state[...] = design.recovered_state(before_m, error_m)
-            else:
-                state[...] = design.initial_state(error_m)
+            start_law(error_m)
         before = Mode(segment.mode)
         while True:
             try:
                 samples, ticks, outcome = run_segment(
-                    code, motion, constants, instants, records, inbox, segment, is_start,
+                    code, motion, constants, instants, records, inbox, wheel, segment, is_start,
                     schedule.end_ns,
                 )  # fmt: skip
             except Exception:
@@ -305,6 +351,10 @@ def _run(
                 # As an output without numbers: the run ends at that tick.
                 return _filled(records.lateral_error_m), _filled(records.sent_rad), LAW_FAILED
             is_start = False
+            if outcome == TAKEN_OVER:
+                start_law(float(records.measured_m[schedule.tick_sample[ticks - 1]]))
+                segment = segment._replace(first_tick=ticks, is_recovery=True)
+                continue
             if outcome != SPEED_CHANGED:
                 break
             is_recovery = segment.is_recovery and ticks == segment.first_tick
@@ -358,6 +408,7 @@ def _collected(
     motion: AnyMotionParams,
     r: Records,
     played_rad: FloatArray | None,
+    wheel: Wheel | None,
     samples: int,
     ticks: int,
     outcome: Outcome,
@@ -365,7 +416,7 @@ def _collected(
     first = len(schedule.sample_ns) - len(schedule.time_s)
     if outcome is Outcome.LEFT_RANGE and not math.isfinite(r.lateral_error_m[samples - 1]):
         samples -= 1  # a car that has left its path
-    window = slice(first, samples)
+    window, steered = slice(first, samples), slice(schedule.first_tick, ticks)
     arc_length_m = r.arc_length_m[window]
     if not isinstance(motion, CarMotionParams):
         arc_length_m = motion.speed_m_s * schedule.motion_s[window]
@@ -380,12 +431,13 @@ def _collected(
         arc_length_m=arc_length_m,
         speed_m_s=r.speed_m_s[window],
         command=r.command[window],
-        tick_s=schedule.tick_s[:ticks],
-        sent_rad=r.sent_rad[:ticks],
-        law_output=r.law_output[:ticks],
+        tick_s=schedule.tick_s[steered],
+        sent_rad=r.sent_rad[steered],
+        law_output=r.law_output[steered],
         played_rad=None if played_rad is None else played_rad[window],
         schedule=schedule,
         motion=motion,
+        wheel=wheel,
     )
 
 

@@ -58,15 +58,16 @@ from .step_functions import place_of, register
 
 
 class Uplink(IntEnum):
-    """Messages of a sample, in the order in which they enter the uplink."""
+    """Messages of a sample, as they enter the uplink, and that with a pace of its own."""
 
     LATERAL_ERROR = 0
     STEERING_STATUS = 1
     VEHICLE_STATE = 2
     PATH_AHEAD = 3
+    STEERING_FORCE = 4
 
 
-_LATERAL_ERROR, _STEERING_STATUS, _VEHICLE_STATE, _ = map(int, Uplink)
+_LATERAL_ERROR, _STEERING_STATUS, _VEHICLE_STATE, _, _ = map(int, Uplink)
 
 # Resolutions and ranges on the wire; compiled code takes module constants as numbers.
 LATERAL_ERROR_RESOLUTION_M = resolutions(LateralError)["lateral_error_m"]
@@ -209,12 +210,18 @@ def _in_one_turn(angle_rad: float) -> float:
     return rest_rad
 
 
+@register_jitable(**INLINE)
+def heading_on_wire_rad(heading_rad: float, noise_rad: float) -> float:
+    """Return the heading error, with the sensor's noise, as LATERAL_ERROR carries it."""
+    return quantised(_in_one_turn(heading_rad + noise_rad), _HEADING_RESOLUTION_RAD)
+
+
 def _record(inbox: Inbox, sample: int, z: LinearState, guard: GuardState) -> None:
     _, yaw_rate_rad_s, heading_rad, _, wheel_rad, _, curvature_1_m, _, _, _ = z
-    heading_rad = _in_one_turn(heading_rad + inbox.heading_noise_rad[sample])
+    noise_rad = inbox.heading_noise_rad[sample]
     yaw_rate_rad_s = yaw_rate_rad_s + inbox.yaw_rate_noise_rad_s[sample]
     yaw_rate_rad_s = min(max(yaw_rate_rad_s, -_YAW_RATE_RAD_S_MAX), _YAW_RATE_RAD_S_MAX)
-    inbox.measured_heading_rad[sample] = quantised(heading_rad, _HEADING_RESOLUTION_RAD)
+    inbox.measured_heading_rad[sample] = heading_on_wire_rad(heading_rad, noise_rad)
     inbox.measured_yaw_rate_rad_s[sample] = quantised(yaw_rate_rad_s, _YAW_RATE_RESOLUTION_RAD_S)
     inbox.measured_curvature_1_m[sample] = curvature_on_wire_1_m(curvature_1_m)
     inbox.wheel_rad[sample] = wheel_on_wire_rad(wheel_rad)

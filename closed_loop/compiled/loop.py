@@ -37,6 +37,19 @@ from ...plant_emulator.steering.hold_and_fallback import (
     start_guard,
 )
 from .compilation import compiled_unchecked
+from .hand_wheel import (
+    after_event,
+    decide,
+    driver_steers,
+    is_drivers,
+    is_steering,
+    is_turn,
+    next_ns,
+    read_force,
+    reads_force,
+    start_wheel,
+    wanted_rad,
+)
 from .inlined_functions import INLINE
 from .law_code import NO_OUTPUT, LawCode
 from .law_input import (
@@ -63,10 +76,11 @@ from .loop_records import WAITING, Constants, Instants, Kept, Progress, Records,
 from .memory import at, called, placed, read, write
 from .step_functions import advance_motion, brake_motion, command_motion, start_motion
 
-COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED, SPEED_CHANGED = range(5)
+COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED, SPEED_CHANGED, TAKEN_OVER = range(6)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
 is not finite; with a command that the steering overrules, in a run without ``tick_status``; with a
-speed that the controller did not know before, at a tick that is to be run once more."""
+speed that the controller did not know before, at a tick that is to be run once more; with the law
+that steers in the driver's place from the next tick on."""
 
 _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
 _HOLDING, _FALLBACK = int(GuardMode.HOLDING), int(GuardMode.FALLBACK)
@@ -80,12 +94,26 @@ def _plant_until(
     s: Instants,
     r: Records,
     inbox: Any,
+    wheel: Any,
     x: Progress,
     ticks_done: int,
     to_ns: int,
 ) -> tuple[Progress, int]:
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
-    z, guard, followed_ns, sample, command, in_effect, plan, is_new, played, given, acting = x
+    (
+        z,
+        guard,
+        followed_ns,
+        sample,
+        command,
+        in_effect,
+        plan,
+        is_new,
+        played,
+        given,
+        acting,
+        hands,
+    ) = x
     outcome = COMPLETE
     while outcome == COMPLETE:
         command_ns = sample_ns = waiting_ns = to_ns + 1
@@ -98,18 +126,36 @@ def _plant_until(
         if acting < given:
             waiting_ns = c.motion_start_ns + r.waiting_ns[np.uintp(acting & _NEWEST)]
         guard_ns = c.motion_start_ns + guard.deadline_ns
-        if command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns and waiting_ns > to_ns:
+        wheel_ns = next_ns(wheel, hands, ticks_done, to_ns)
+        is_idle = command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns
+        if is_idle and waiting_ns > to_ns and (wheel is None or wheel_ns > to_ns):
             break
-        arrives = command_ns <= sample_ns and command_ns <= guard_ns
+        times = command_ns, min(sample_ns, guard_ns)
+        turns = wheel is not None and wheel_ns <= to_ns
+        turns = turns and is_turn(wheel, hands, wheel_ns, command, times)
+        turns_wheel = turns and is_steering(wheel, hands, wheel_ns)
+        arrives = command_ns <= sample_ns and command_ns <= guard_ns and not turns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
         has_moved, is_sample, steers, acts, steer_rad = True, False, False, False, 0.0
         # The test for an inbox is decided when compiling, which removes the branch without one.
-        if waiting_ns <= command_ns and waiting_ns <= sample_ns and waiting_ns <= guard_ns:
+        is_first = waiting_ns <= command_ns and waiting_ns <= sample_ns and waiting_ns <= guard_ns
+        if is_first and (wheel is None or waiting_ns <= wheel_ns):
             turn = np.uintp(acting & _NEWEST)
             motion_ns, steer_rad, acts = r.waiting_ns[turn], r.waiting_rad[turn], True
             acting += 1
-        elif arrives or (inbox is not None and plays):
-            if arrives:
+        elif wheel is not None and turns and not turns_wheel:
+            motion_ns, has_moved = wheel_ns - c.motion_start_ns, reads_force(wheel, hands)
+            if has_moved:
+                z = advance_motion(p, z, motion_ns)
+                read_force(wheel, hands, p, z)
+            hands = after_event(wheel, r, hands, wheel_ns)
+            continue
+        elif arrives or (wheel is not None and turns_wheel) or (inbox is not None and plays):
+            if wheel is not None and turns_wheel:
+                at_ns, by, has_come = wheel_ns, in_effect, True
+                command_rad = wanted_rad(wheel, hands)
+                hands = after_event(wheel, r, hands, wheel_ns)
+            elif arrives:
                 at_ns, by, has_come = command_ns, command, True
                 command += 1
                 tick = s.command_tick[of]
@@ -126,6 +172,9 @@ def _plant_until(
                     plan = -1
                     continue
             motion_ns = max(at_ns - c.motion_start_ns, 0)
+            if wheel is not None and arrives and driver_steers(wheel, hands, at_ns):
+                in_effect = by
+                continue
             guard, steers = guard_command(c.guard, guard, command_rad, motion_ns, has_come)
             if steers:
                 in_effect = by
@@ -153,10 +202,19 @@ def _plant_until(
             z = command_motion(p, z, steer_rad)
         if is_sample:
             sampled = z, guard, followed_ns, sample, in_effect
-            guard, followed_ns, outcome = _take_sample(p, c, s, r, inbox, sampled, motion_ns)
+            guard, followed_ns, outcome = _take_sample(
+                p, c, s, r, inbox, (wheel, hands), sampled, motion_ns
+            )
             sample += 1
-    buffered = plan, is_new, played, given, acting
+    buffered = plan, is_new, played, given, acting, hands
     return Progress(z, guard, followed_ns, sample, command, in_effect, *buffered), outcome
+
+
+@register_jitable(**INLINE)
+def _with_hands(x: Progress, hands: Any) -> Progress:
+    z, guard, followed_ns, sample, command, in_effect, plan, is_new, played, given, acting, _ = x
+    buffered = plan, is_new, played, given, acting, hands
+    return Progress(z, guard, followed_ns, sample, command, in_effect, *buffered)
 
 
 @register_jitable(**INLINE)
@@ -175,6 +233,7 @@ def _take_sample(
     s: Instants,
     r: Records,
     inbox: Any,
+    wheel_and_state: Any,
     sampled: tuple[Any, GuardState, int, int, int],
     motion_ns: int,
 ) -> tuple[GuardState, int, int]:
@@ -193,7 +252,9 @@ def _take_sample(
     reading_m = error_m + s.noise_m[at]
     record_signals(inbox, sample, linear, guard)
     record_place(p, inbox, r, sample, z)
-    if is_overruled(guard) and guard.mode != _HOLDING:
+    wheel, hands = wheel_and_state
+    by_driver = is_drivers(wheel, hands, p, z, guard, motion_ns)
+    if (is_overruled(guard) and guard.mode != _HOLDING) or by_driver:
         if len(s.tick_status) == 0:
             return guard, followed_ns, OVERRULED
         r.overruled_rad[at] = wheel_on_wire_rad(wheel_rad)
@@ -220,6 +281,7 @@ def run_segment(
     s: Instants,
     r: Records,
     inbox: Any,
+    wheel: Any,
     segment: Segment,
     is_start: bool,
     end_ns: int,
@@ -231,12 +293,14 @@ def run_segment(
 
     Returns the samples taken and the ticks done so far, and how it ended.
     """
-    x = Progress(start_motion(p), start_guard(c.guard), 0, 0, 0, -1, -1, False, -1, 0, 0)
+    x = Progress(
+        start_motion(p), start_guard(c.guard), 0, 0, 0, -1, -1, False, -1, 0, 0, start_wheel(wheel)
+    )
     kept = Kept(x, 0.0, 0.0, nothing_known(inbox))
     place = at(law.kept, kept)
     if not is_start:
         kept = read(place)
-    kept, ticks, outcome = _run_ticks(law, p, c, s, r, inbox, segment, kept, end_ns)
+    kept, ticks, outcome = _run_ticks(law, p, c, s, r, inbox, wheel, segment, kept, end_ns)
     write(place, kept)
     return kept.plant.sample, ticks, outcome
 
@@ -249,6 +313,7 @@ def _run_ticks(
     s: Instants,
     r: Records,
     inbox: Any,
+    wheel: Any,
     segment: Segment,
     kept: Kept,
     end_ns: int,
@@ -259,7 +324,7 @@ def _run_ticks(
     for tick in range(first_tick, last_tick + 1):
         now = np.uintp(tick)
         to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
-        x, outcome = _plant_until(p, c, s, r, inbox, x, tick, to_ns)
+        x, outcome = _plant_until(p, c, s, r, inbox, wheel, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
             return Kept(x, sent_rad, fade_rad, known), tick, outcome
         if c.alike_to_m_s < math.inf and s.tick_state[now] >= 0:
@@ -267,7 +332,7 @@ def _run_ticks(
             if newest_m_s != c.speed_m_s and max(newest_m_s, c.speed_m_s) > c.alike_to_m_s:
                 return Kept(x, sent_rad, fade_rad, known), tick, SPEED_CHANGED
         known = take_arrivals(inbox, known, s, r, to_ns)
-        wanted_rad, acting = sent_rad, -1
+        steer_rad, acting = sent_rad, -1
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
             note_now(inbox, now_known, known, s, r, tick, to_ns)
@@ -283,7 +348,7 @@ def _run_ticks(
             )
             if law.plan != 0 and fade_rad == 0.0:
                 acting = called(law.plan, acting, observed)
-            wanted_rad = asked_rad + fade_rad
+            steer_rad = asked_rad + fade_rad
             r.law_output[now, 0] = output.steer_rad
             r.law_output[now, 1] = output.disturbance_rad
             r.law_output[now, 2] = output.network_disturbance_rad
@@ -292,9 +357,16 @@ def _run_ticks(
             for column in range(4):
                 r.law_output[now, column] = r.law_output[tick - 1, column]
             if mode == _SAFE_STOP:
-                wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
-        sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
+                steer_rad = ramp_step(c.ramp_step_rad, steer_rad)
+        takes_over = False
+        if wheel is not None:
+            decided = decide(wheel, r, x.hands, tick, to_ns, (steer_rad, sent_rad, mode == _ACTIVE))
+            hands, steer_rad, takes_over = decided
+            x = _with_hands(x, hands)
+        sent_rad = limit_step(c.limits, sent_rad, steer_rad)
         r.sent_rad[now] = sent_rad
         write_plan(inbox, c.limits, acting, tick)
         known = take_command(inbox, known, tick, sent_rad, acting >= 0)
+        if takes_over:
+            return Kept(x, sent_rad, 0.0, known), tick + 1, TAKEN_OVER
     return Kept(x, sent_rad, fade_rad, known), last_tick, COMPLETE

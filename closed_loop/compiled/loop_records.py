@@ -123,6 +123,7 @@ class Progress(NamedTuple):
     ``is_new``       whether no value of it has been played yet
     ``played``       the newest sample for which a value was played
     ``given``        commands given to the actuator, and how many of them act
+    ``hands``        of a hand wheel (``WheelProgress``), None without one
     """
 
     motion: Any
@@ -136,6 +137,7 @@ class Progress(NamedTuple):
     played: int
     given: int
     acting: int
+    hands: Any
 
 
 class Kept(NamedTuple):

@@ -8,7 +8,7 @@ The controller's status messages are left out, because control does not depend o
 """
 
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,21 +17,13 @@ from ...controller.history.plan import ROW_LENGTH
 from ...controller.law_interface import History
 from ...controller.node.modes import Supervisor, supervision_of
 from ...controller.settings import ControllerSettings
-from ...dbc.codec.counter_check import CounterCheck
-from ...dbc.codec.counter_rule import CounterResult, CounterRule
-from ...dbc.codec.protection import COUNTERS, HALF
 from ...dbc.messages import (
-    LateralError,
-    Message,
     Mode,
     PathAhead,
-    SteeringStatus,
     VehicleState,
     limits,
     resolutions,
 )
-from ...dbc.reception import cycle_ns
-from ...plant_emulator.network.random_streams import Stream, first_uniforms
 from ...plant_emulator.sensors.path_ahead import CURVATURES, VALUES, spacing_m
 from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
@@ -39,17 +31,16 @@ from ...plant_emulator.vehicle.moving_vehicle import AnyMotionParams
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
 from .along_path import curvatures_ahead_1_m
+from .arrivals import Arrivals, arrivals_of, sensor_noise, to_plant_of
+from .hand_wheel_events import WheelEvents, wheel_events
 from .law_input import Inbox, Uplink, quantised
 from .loop_records import Segment
-from .network import Frames, normal_scores, passages
 from .step_functions import register_steps
 
-_MESSAGES: dict[Uplink, type[Message]] = {
-    Uplink.LATERAL_ERROR: LateralError,
-    Uplink.STEERING_STATUS: SteeringStatus,
-    Uplink.VEHICLE_STATE: VehicleState,
-    Uplink.PATH_AHEAD: PathAhead,
-}
+if TYPE_CHECKING:
+    from ...hand_wheel.settings import HandWheelSettings
+
+_OF_SAMPLES = [each for each in Uplink if each is not Uplink.STEERING_FORCE]
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 """A network that delivers none of this many samples counts as one that loses every frame."""
 
@@ -65,6 +56,8 @@ class RunSchedule(NamedTuple):
     ``commands_lost``      by the network, of the first ticks, shape (ticks + 1,)
     ``measurements_lost``  of the first samples, shape (samples + 1,): of all messages
     ``measurements``       that the controller accepts, and when
+    ``first_tick``         the first tick with a command
+    ``wheel``              events of a hand wheel
     """
 
     tick_ns: IntArray
@@ -83,17 +76,8 @@ class RunSchedule(NamedTuple):
     commands_lost: IntArray
     measurements_lost: IntArray
     measurements: "Measurements"
-
-
-class Arrivals(NamedTuple):
-    """Frames of one message that the controller accepts: when each arrives, of which sample.
-
-    ``lost``  how many frames of all messages of the first samples are lost, shape (samples + 1,)
-    """
-
-    arrival_ns: IntArray
-    sample: IntArray
-    lost: IntArray
+    first_tick: int
+    wheel: WheelEvents | None
 
 
 class Measurements:
@@ -142,8 +126,8 @@ class Measurements:
     @cached_property
     def received(self) -> tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]:
         """The first arrays of ``Inbox``, from ``arrival_ns`` on."""
-        each = [self.arrivals(message) for message in Uplink]
-        message = np.repeat(list(Uplink), [len(arrivals.sample) for arrivals in each])
+        each = [self.arrivals(message) for message in _OF_SAMPLES]
+        message = np.repeat(_OF_SAMPLES, [len(arrivals.sample) for arrivals in each])
         sample = np.concatenate([arrivals.sample for arrivals in each])
         arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])
         order = np.lexsort((message, sample, arrival_ns))
@@ -155,55 +139,76 @@ class NothingArrivesError(ValueError):
     """No measurement reaches the controller, so that it never steers and the run never ends."""
 
 
-def schedule_run(plant: PlantSettings, controller: ControllerSettings) -> RunSchedule:
-    """Schedule a run. Raises NothingArrivesError."""
+def schedule_run(
+    plant: PlantSettings, controller: ControllerSettings, wheel: "HandWheelSettings | None" = None
+) -> RunSchedule:
+    """Schedule a run; ``wheel``: of ``with_hand_wheel``. Raises NothingArrivesError.
+
+    With a hand wheel, the first tick is that at 0: the controller says at once who steers.
+    """
     register_steps()
-    first_tick_ns = _first_tick_ns(plant, controller)
-    motion_start_ns = first_tick_ns if plant.start_on_first_command else 0
+    starts_late = plant.start_on_first_command and wheel is None
+    first_command_ns = _first_tick_ns(plant, controller, starts_late)
+    motion_start_ns = first_command_ns if starts_late else 0
     sensor_ns, period_ns = plant.sensor_period_ns, controller.period_ns
     samples = -(-(motion_start_ns + plant.duration_ns) // sensor_ns) + 1
     end_ns = (samples - 1) * sensor_ns
     rule = controller.counters
     arrivals = arrivals_of(Uplink.LATERAL_ERROR, plant, rule, samples, motion_start_ns)
-    tick_ns = np.arange(first_tick_ns, end_ns + 1, period_ns)
+    tick_ns = np.arange(first_command_ns if wheel is None else 0, end_ns + 1, period_ns)
+    first = int(np.searchsorted(tick_ns, first_command_ns))
     in_use = np.searchsorted(arrivals.arrival_ns, tick_ns, side="right") - 1
-    commands = Frames(
-        tick_ns, np.maximum(tick_ns - motion_start_ns, 0), np.ones(len(tick_ns), dtype=np.bool_)
-    )
-    down = passages(plant.latency.downlink, plant.seed, Stream.DOWNLINK, commands)
-    through = down.due_ns <= end_ns
+    sent = [(first, tick_ns[first:])]
+    if wheel is not None:
+        sent += [(0, tick_ns), (0, np.arange(0, end_ns + 1, wheel.cycle_ns))]
+    to_plant, commands_lost = to_plant_of(plant, sent, motion_start_ns, end_ns)
+    is_command = to_plant.kind == 0
+    segments = _segments(controller, arrivals, in_use[first:], tick_ns[first:])
+    if wheel is not None:
+        segments = (
+            Segment(int(Mode.WAITING), 0, first, False),
+            *(each._replace(first_tick=each.first_tick + first, last_tick=each.last_tick + first)
+              for each in segments),
+        )  # fmt: skip
     sample_ns = np.arange(samples) * sensor_ns
     # The sample at the instant of the first command is taken before that command.
     is_moving = sample_ns >= motion_start_ns + int(plant.start_on_first_command)
     motion_ns = np.maximum(sample_ns - motion_start_ns, 0)
+    measurements = Measurements(plant, controller, samples, motion_start_ns, tick_ns)
+    events = None
+    if wheel is not None:
+        statuses = measurements.arrivals(Uplink.STEERING_STATUS)
+        events = wheel_events(plant, wheel, sample_ns, tick_ns, to_plant, statuses)
     return RunSchedule(
         tick_ns=tick_ns,
         tick_sample=arrivals.sample[in_use],
-        command_due_ns=down.due_ns[through],
-        command_tick=down.frame[through],
+        command_due_ns=to_plant.due_ns[is_command],
+        command_tick=to_plant.number[is_command],
         sample_ns=sample_ns,
         noise_m=sensor_noise(plant, samples, slice(1))[0],
-        command_latency_ns=down.latency_ns[through],
+        command_latency_ns=to_plant.latency_ns[is_command],
         motion_s=motion_ns / NS_PER_S,
         time_s=np.multiply(motion_ns[is_moving], 1e-9),
         tick_s=np.multiply(tick_ns, 1e-9),
-        segments=_segments(controller, arrivals, in_use, tick_ns),
+        segments=segments,
         motion_start_ns=motion_start_ns,
         end_ns=end_ns,
-        commands_lost=np.append(0, np.cumsum(down.is_lost)),
+        commands_lost=commands_lost,
         measurements_lost=arrivals.lost,
-        measurements=Measurements(plant, controller, samples, motion_start_ns, tick_ns),
+        measurements=measurements,
+        first_tick=first,
+        wheel=events,
     )
 
 
-def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
-    """Return the tick at which the controller stops waiting."""
+def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings, starts_late: bool) -> int:
+    """Return the tick at which the controller stops waiting, and the motion if ``starts_late``."""
     timeout_ns = supervision_of(controller).measurement_timeout_ns
     period_ns, samples = controller.period_ns, 1
     rule = controller.counters
     while samples <= SAMPLES_WITHOUT_ARRIVAL_MAX:
         # Frames after the start have another time of motion, but none of them is the first.
-        start_ns = NEVER_NS if plant.start_on_first_command else 0
+        start_ns = NEVER_NS if starts_late else 0
         arrival_ns = arrivals_of(Uplink.LATERAL_ERROR, plant, rule, samples, start_ns).arrival_ns
         tick_ns = -(-arrival_ns // period_ns) * period_ns
         known_ns = (samples - 1) * plant.sensor_period_ns  # later ones may overtake beyond that
@@ -214,45 +219,6 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
     raise NothingArrivesError(
         f"no measurement came into use in {SAMPLES_WITHOUT_ARRIVAL_MAX} samples: the uplink loses "
         "them, or they overtake each other by more than controller.supervision.counter_lead_ms"
-    )
-
-
-def arrivals_of(
-    message: Uplink, plant: PlantSettings, rule: CounterRule, samples: int, motion_start_ns: int
-) -> Arrivals:
-    """Return the arrivals of one message of the first samples."""
-    every = samples_per_vehicle_state(plant.sensor_period_ns)
-    # LATERAL_ERROR and STEERING_STATUS of every sample, others of some: all draw.
-    messages = np.full(samples, 2)
-    messages[::every] = 3 if plant.path_ahead is None else 4
-    first = np.append(0, np.cumsum(messages))
-    sample = np.repeat(np.arange(samples), messages)
-    came_ns = sample * plant.sensor_period_ns
-    is_wanted = np.arange(len(sample)) - np.repeat(first[:-1], messages) == message
-    frames = Frames(came_ns, np.maximum(came_ns - motion_start_ns, 0), is_wanted)
-    up = passages(plant.latency.uplink, plant.seed, Stream.UPLINK, frames)
-    number = sample[up.frame] // (every if message >= Uplink.VEHICLE_STATE else 1)
-    rule = rule._replace(period_ns=cycle_ns(_MESSAGES[message]))
-    lost = np.append(0, np.cumsum(up.is_lost))[first]
-    return _accepted(rule, number, Arrivals(up.due_ns, sample[up.frame], lost))
-
-
-def _accepted(rule: CounterRule, number: IntArray, arrived: Arrivals) -> Arrivals:
-    """Return the frames of a message that the counter rule accepts."""
-    steps = np.diff(number)
-    # As the rule's bound with the longest period that it may measure.
-    is_explained = (steps - 1) * rule.period_ns <= rule.lead_ns + np.diff(arrived.arrival_ns)
-    if ((steps >= 1) & (steps < HALF) & is_explained).all():
-        return arrived
-    check = CounterCheck(rule)
-    is_accepted = [
-        check.check(count, now_ns) is CounterResult.ACCEPTED
-        for count, now_ns in zip(
-            (number % COUNTERS).tolist(), arrived.arrival_ns.tolist(), strict=True
-        )
-    ]
-    return arrived._replace(
-        arrival_ns=arrived.arrival_ns[is_accepted], sample=arrived.sample[is_accepted]
     )
 
 
@@ -282,17 +248,6 @@ def _segments(
         Segment(int(mode), first, end, index > 0 and entered[index - 1][0] is not Mode.ACTIVE)
         for index, ((mode, first), end) in enumerate(zip(entered, ends, strict=True))
     )
-
-
-def sensor_noise(plant: PlantSettings, samples: int, columns: slice) -> list[FloatArray]:
-    """Return the noise of each sample, of some of lateral error, heading error and yaw rate."""
-    noise = plant.sensor_noise
-    deviations = [noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s][columns]
-    if not any(deviations):
-        return [np.zeros(samples) for _ in deviations]
-    uniforms = first_uniforms(plant.seed, Stream.SENSOR_NOISE, 3 * samples).reshape(-1, 3).T
-    scores = map(normal_scores, uniforms[columns])
-    return [deviation * each for deviation, each in zip(deviations, scores, strict=True)]
 
 
 def inbox_of(

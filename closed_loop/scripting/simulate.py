@@ -114,7 +114,7 @@ def simulate(
 
     ``plant``, ``controller``  name of a preset, settings file (a path, or a text that ends with
                                .toml), or settings
-    ``hand_wheel``    as these two: adds a hand wheel with its driver to a virtual run
+    ``hand_wheel``    as these two: adds a hand wheel with its driver
     ``vehicle``       file whose [vehicle] both take, as ``design`` reads it, and the plant [car]
     ``seed``, ``duration_s``   of the plant; None keeps what its settings say
     ``law``           of the controller; None keeps what its settings say
@@ -155,14 +155,12 @@ actuator.lag_s = -1.0 should be greater than or equal to 0 (allowed: number from
     warnings = tuple(pair_warnings(driven, drives))
     drives, wheel = with_period_of(driven, drives), None
     if hand_wheel is not None:
-        if engine == "compiled":
-            raise SettingsError("hand_wheel: compiled runs have none")
         wheel = settings_of(HandWheelSettings, hand_wheel, values["hand_wheel"])
         driven, drives, wheel = with_hand_wheel(driven, drives, wheel)
     if engine == "virtual":
         run = _run_virtual(driven, drives, wheel, wire)
     else:
-        run = _run_compiled(driven, drives)
+        run = _run_compiled(driven, drives, wheel)
     return run._replace(pair_warnings=warnings)
 
 
@@ -300,7 +298,9 @@ def _run_virtual(
     )
 
 
-def _run_compiled(plant: PlantSettings, controller: ControllerSettings) -> Run:
+def _run_compiled(
+    plant: PlantSettings, controller: ControllerSettings, hand_wheel: HandWheelSettings | None
+) -> Run:
     try:
         from ..compiled.engine import run_compiled
     except ImportError as error:
@@ -308,7 +308,7 @@ def _run_compiled(plant: PlantSettings, controller: ControllerSettings) -> Run:
             f"engine = 'compiled' needs {error.name}: {installation(str(error.name))}"
         ) from error
 
-    run = run_compiled(plant, controller)
+    run = run_compiled(plant, controller, hand_wheel=hand_wheel)
     return Run(
         plant=PlantTable.of_compiled(run),
         controller=ControllerTable.of_compiled(run),
@@ -318,4 +318,6 @@ def _run_compiled(plant: PlantSettings, controller: ControllerSettings) -> Run:
         controller_report={},
         engine="compiled",
         outcome=str(run.outcome),
+        hand_wheel=HandWheelTable.of_compiled(run),
+        hand_wheel_settings=hand_wheel,
     )

@@ -115,16 +115,16 @@ class ControllerTable(NamedTuple):
     @classmethod
     def of_compiled(cls, run: "CompiledRun") -> "ControllerTable":
         """Collect what a compiled run has."""
-        ticks = len(run.tick_s)
-        mode = np.zeros(ticks, dtype=np.int64)
+        first, ticks = run.schedule.first_tick, len(run.tick_s)
+        mode = np.zeros(first + ticks, dtype=np.int64)
         for segment in run.schedule.segments:
             mode[segment.first_tick : segment.last_tick] = segment.mode
         law_rad, *estimates = run.law_output.T.copy()
-        since_start_ns = run.schedule.tick_ns[:ticks] - run.schedule.motion_start_ns
+        tick_ns = run.schedule.tick_ns[first : first + ticks]
         unknown = np.full(ticks, np.nan)
         return cls(
-            np.multiply(since_start_ns, 1e-9),
-            mode,
+            np.multiply(tick_ns - run.schedule.motion_start_ns, 1e-9),
+            mode[first:],
             unknown,
             unknown,
             law_rad,
@@ -160,6 +160,20 @@ class HandWheelTable(NamedTuple):
         columns = np.array(node.samples, dtype=np.float64).reshape(-1, len(cls._fields)).T.copy()
         columns[0] -= start_ns / NS_PER_S
         return cls(*columns[:-2], *columns[-2:].astype(np.int64))
+
+    @classmethod
+    def of_compiled(cls, run: "CompiledRun") -> "HandWheelTable | None":
+        """Collect the cycles of a compiled run; None without a hand wheel."""
+        wheel = run.wheel
+        if wheel is None:
+            return None
+        cycles = int(np.count_nonzero(np.isfinite(wheel.samples[0])))
+        time_s = np.arange(cycles) * wheel.cycle_ns / NS_PER_S
+        events = wheel.events
+        steered_by = wheel.steered_by[events.cycle_tick[:cycles]]
+        angle_rad, rate_rad_s, driver_n_m, motor_n_m = wheel.samples[:, :cycles]
+        motion = time_s, angle_rad, rate_rad_s, driver_n_m, motor_n_m, wheel.heard_n[:cycles]
+        return cls(*motion, events.mode[:cycles], steered_by)
 
 
 class Run(NamedTuple):

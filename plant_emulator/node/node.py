@@ -47,7 +47,7 @@ from ...dbc.messages import (
 )
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S, View
+from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ...runtime.node.periodic import PeriodicTimer
 from ..evaluation.report_in_json import line_report, motion_report, reception_report
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
@@ -137,10 +137,8 @@ class PlantNode:
         received = RECEIVED if settings.hand_wheel is None else (*RECEIVED, *OF_HAND_WHEEL)
         self._reception = Reception(received, settings.counters, SENT)
         self._hand_wheel = HandWheelLink(settings.hand_wheel)
-        force = settings.steering_force
-        self._force_timer = (
-            None if force is None else PeriodicTimer(start_ns, round(force.period_ms * NS_PER_MS))
-        )
+        force_ns = settings.force_period_ns
+        self._force_timer = PeriodicTimer(start_ns, force_ns) if force_ns else None
         self._vehicle = vehicle_params(settings.vehicle)
         self._reception.is_silent = settings.safety.second_sender == "silent"
         self.interventions = Interventions(settings)

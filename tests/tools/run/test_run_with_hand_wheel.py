@@ -176,13 +176,3 @@ def test_a_script_gets_the_hand_wheel_as_arrays() -> None:
     assert found.hand_wheel_report["steered_by"] == "driver"
     with pytest.raises(SettingsError, match=r"neither plant\. nor controller\."):
         simulate(overrides={"hand_wheel.cycle_ms": 5.0})
-    with pytest.raises(SettingsError, match="hand_wheel: compiled runs have none"):
-        simulate(engine="compiled", hand_wheel="still")
-
-
-@pytest.mark.parametrize(
-    "table", ["plant.hand_wheel", "plant.steering_force", "controller.hand_wheel"]
-)
-def test_a_compiled_run_refuses_a_hand_wheel(table: str) -> None:
-    with pytest.raises(SettingsError, match=f"^{table}: compiled runs have no hand wheel"):
-        simulate(engine="compiled", overrides={table: {}})

@@ -1,0 +1,185 @@
+"""When everything of a hand wheel happens in a compiled run; the network alone decides that.
+
+At one instant, with what ``closed_loop.compiled.loop`` does at it:
+
+1. messages to the plant that were sent earlier and are due arrive, in the order of their leaving
+2. the sensors sample, then the force on the rack is read
+3. the controller decides, also about who steers
+4. its answer arrives, if that takes no time
+5. the hand wheel runs a cycle, and its state arrives, if that takes no time
+"""
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...dbc.messages import Message, Mode, SteeringForce, SteeringStatus
+from ...hand_wheel.driver import Kick
+from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
+from ...hand_wheel.modes import FeedbackMode, RoadEvidence, feedback_mode_step, share_step
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray, IntArray
+from .arrivals import Arrivals, ToPlant, arrivals_of, sensor_noise
+from .law_input import Uplink
+
+if TYPE_CHECKING:
+    from ...hand_wheel.settings import HandWheelSettings
+
+_READS: dict[type[Message], Uplink] = {
+    SteeringForce: Uplink.STEERING_FORCE,
+    SteeringStatus: Uplink.STEERING_STATUS,
+}
+
+
+class Event(IntEnum):
+    """What happens, in the order of the events of one instant."""
+
+    ARRIVAL = 0
+    """Of a message to the plant that was sent before this instant."""
+    FORCE = 1
+    ANSWER = 2
+    """HAND_WHEEL_FEEDBACK arrives without latency."""
+    CYCLE = 3
+    STATE = 4
+    """HAND_WHEEL_STATE arrives without latency."""
+
+
+class WheelEvents(NamedTuple):
+    """Events in order, then what is in use at each cycle or tick, -1 for none.
+
+    ``ns``, ``kind``, ``number``  of each event; the number is that of a reading of the force, of a
+                      cycle, or of a tick
+    ``is_state``      whether an arrival is that of a HAND_WHEEL_STATE
+    ``commands``      how many commands arrive before an ARRIVAL
+    ``ticks``         how many control ticks come before an event
+    ``force_sample``  reading of the force that is in use at each cycle; the next three likewise
+    ``tick_cycle``    newest cycle that the controller has heard of at each tick
+    ``tick_wheel``    sample whose STEERING_STATUS is the newest at each tick
+    ``mode``, ``share``, ``kick_n_m``, ``cycle_tick``  at each cycle; the last is the newest tick
+    """
+
+    ns: IntArray
+    kind: IntArray
+    number: IntArray
+    is_state: IntArray
+    commands: IntArray
+    ticks: IntArray
+    force_sample: IntArray
+    status_sample: IntArray
+    error_sample: IntArray
+    vehicle_sample: IntArray
+    tick_cycle: IntArray
+    tick_wheel: IntArray
+    mode: IntArray
+    share: FloatArray
+    kick_n_m: FloatArray
+    cycle_tick: IntArray
+    heading_noise_rad: FloatArray
+
+
+def wheel_events(
+    plant: PlantSettings,
+    wheel: "HandWheelSettings",
+    sample_ns: IntArray,
+    tick_ns: IntArray,
+    to_plant: ToPlant,
+    statuses: Arrivals,
+) -> WheelEvents:
+    """Return the events of a run; ``statuses``: arrivals of STEERING_STATUS at the controller."""
+    samples, end_ns, down = len(sample_ns), int(sample_ns[-1]), to_plant
+    cycle_ns = np.arange(0, end_ns + 1, wheel.cycle_ns)
+    force_ns = np.arange(0, end_ns + 1, plant.force_period_ns)
+    is_command = down.kind == 0
+    before = np.cumsum(is_command)[~is_command]
+    came_ns, due_ns, kind, index = (
+        column[~is_command] for column in (down.came_ns, down.due_ns, down.kind, down.number)
+    )
+    is_now = came_ns == due_ns
+    rank = np.where(is_now, np.where(kind == 1, Event.ANSWER, Event.STATE), Event.ARRIVAL)
+    parts = (
+        (due_ns, rank, index, kind == 2, before),
+        (force_ns, np.full(len(force_ns), Event.FORCE), np.arange(len(force_ns))),
+        (cycle_ns, np.full(len(cycle_ns), Event.CYCLE), np.arange(len(cycle_ns))),
+    )
+    columns = [
+        np.concatenate([part[at] if at < len(part) else np.zeros(len(part[0])) for part in parts])
+        for at in range(5)
+    ]
+    order = np.lexsort((columns[1], columns[0]))
+    ns, kinds, of, is_state, commands = (column[order].astype(np.int64) for column in columns)
+    ticks = np.where(
+        kinds < Event.ANSWER,
+        np.searchsorted(tick_ns, ns, side="left"),
+        np.searchsorted(tick_ns, ns, side="right"),
+    )
+    arrivals: dict[Uplink, Arrivals] = {
+        message: arrivals_of(message, plant, wheel.counters, samples, 0)
+        for message in Uplink
+        if message is not Uplink.PATH_AHEAD
+    }
+    in_use = {
+        message: np.append(-1, came.sample)[
+            np.searchsorted(came.arrival_ns, cycle_ns, side="right")
+        ]
+        for message, came in arrivals.items()
+    }
+    reads = FEEDBACK_LAWS[wheel.feedback.law].reads
+    road_ns = None if reads is None else arrivals[_READS[reads]].arrival_ns
+    mode, share = _modes(wheel, road_ns, cycle_ns)
+    return WheelEvents(
+        ns, kinds, of, is_state, commands, ticks,
+        in_use[Uplink.STEERING_FORCE],
+        in_use[Uplink.STEERING_STATUS],
+        in_use[Uplink.LATERAL_ERROR],
+        in_use[Uplink.VEHICLE_STATE],
+        np.searchsorted(cycle_ns, tick_ns, side="left") - 1,
+        np.append(-1, statuses.sample)[
+            np.searchsorted(statuses.arrival_ns, tick_ns, side="right")
+        ],
+        mode,
+        share,
+        _kicks_n_m(wheel.kicks, cycle_ns),
+        np.searchsorted(tick_ns, cycle_ns, side="right") - 1,
+        sensor_noise(plant, samples, slice(1, 2))[0],
+    )  # fmt: skip
+
+
+def _kicks_n_m(kicks: Sequence[Kick], cycle_ns: IntArray) -> FloatArray:
+    """Return what ``hand_wheel.driver.kicks_n_m`` does at each cycle."""
+    torque_n_m = np.zeros(len(cycle_ns))
+    for kick in kicks:
+        torque_n_m[(kick.from_ns <= cycle_ns) & (cycle_ns < kick.to_ns)] += kick.torque_n_m
+    return torque_n_m
+
+
+def _modes(
+    wheel: "HandWheelSettings", road_ns: IntArray | None, cycle_ns: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """Return mode and share of the law at each cycle; ``road_ns``: arrivals of what it reads."""
+    rule, step = wheel.mode_params, wheel.cycle_ms / wheel.supervision.fade_ms
+    if road_ns is None:
+        return np.full(len(cycle_ns), int(Mode.ACTIVE)), np.ones(len(cycle_ns))
+    arrived = np.searchsorted(road_ns, cycle_ns, side="right")
+    age_ns = cycle_ns - np.append(0, road_ns)[arrived]
+    is_fresh = (arrived > 0) & (age_ns <= rule.timeout_ns)
+    is_active = np.maximum.accumulate(is_fresh)
+    if (is_active == is_fresh).all():
+        modes = np.where(is_active, int(Mode.ACTIVE), int(Mode.WAITING))
+        return modes, is_active.astype(np.float64)
+    x, share, good_run, before_ns, done = FeedbackMode(Mode.WAITING, 0, 0), 0.0, 0, None, 0
+    codes, shares = [], []
+    for now_ns, count in zip(cycle_ns.tolist(), arrived.tolist(), strict=True):
+        good_run = x.good_run
+        for at_ns in road_ns[done:count].tolist():
+            is_gap = before_ns is None or at_ns - before_ns > rule.timeout_ns
+            good_run, before_ns = (1 if is_gap else good_run + 1), at_ns
+        done = count
+        before, x = x.mode, x._replace(good_run=good_run)
+        x = feedback_mode_step(rule, x, RoadEvidence(before_ns, True, False), now_ns)
+        share = share_step(share if before is not Mode.WAITING else 1.0, x.mode, step)
+        share = 0.0 if x.mode is Mode.WAITING else share
+        codes.append(int(x.mode))
+        shares.append(share)
+    return np.array(codes), np.array(shares)
