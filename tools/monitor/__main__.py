@@ -31,8 +31,6 @@ from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 NAME = "steer-by-wire monitor"
 REFRESHES_PER_S = 4
 """Refreshes of the screen; each sends some kilobytes over ssh."""
-_WAIT_S = 0.05
-"""Longest time until a signal takes effect."""
 _FRAMES_PER_TURN_MAX = 1000
 """A flood must not keep the monitor from drawing."""
 
@@ -57,52 +55,45 @@ def _run(options: argparse.Namespace) -> int:
         if options.duration is not None:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         watch = BusWatch(start_ns, listening)
-        if sys.stdout.isatty():
-            _show(opened.port, opened.description, watch, stop)
-        else:
-            _print(opened.port, watch, stop, start_ns)
+        if not sys.stdout.isatty():
+            say(NAME, "one line a second; Ctrl-C ends it", sys.stderr)
+            _watch(opened.port, watch, stop, NS_PER_S, _print)
+            return ExitStatus.OK
+        console = Console()
+        live = Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop")
+        stack.enter_context(live)  # the terminal is restored at its end
+
+        def draw(watch: BusWatch, now_ns: int) -> None:
+            lines = screen_lines(watch, now_ns, opened.description, console.width)
+            live.update(Group(*lines), refresh=True)
+
+        _watch(opened.port, watch, stop, NS_PER_S // REFRESHES_PER_S, draw)
     return ExitStatus.OK
 
 
-def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool]) -> None:
-    """Draw the screen until a signal ends it; the terminal is restored then."""
-    console = Console()
-    reader = LiveReader(port)
-    period_ns = NS_PER_S // REFRESHES_PER_S
-    draw_ns = 0
-    with Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live:
-        while not stop():
-            now_ns = _listen(reader, watch, _WAIT_S)
-            if now_ns >= draw_ns:
-                draw_ns = now_ns + period_ns
-                lines = screen_lines(watch, now_ns, bus, console.width)
-                live.update(Group(*lines), refresh=True)
+def _print(watch: BusWatch, now_ns: int) -> None:
+    print(one_line(watch, now_ns), flush=True)
 
 
-def _print(port: ClosablePort, watch: BusWatch, stop: Callable[[], bool], start_ns: int) -> None:
-    say(NAME, "one line a second; Ctrl-C ends it", sys.stderr)
-    print_ns = start_ns + NS_PER_S
-    reader = LiveReader(port)
+def _watch(
+    port: ClosablePort,
+    watch: BusWatch,
+    stop: Callable[[], bool],
+    period_ns: int,
+    show: Callable[[BusWatch, int], None],
+) -> None:
+    """Take frames until a signal ends it, and show each period what they say."""
+    reader, show_ns = LiveReader(port), watch.start_ns + period_ns
     while not stop():
-        wait_s = min(max((print_ns - time.monotonic_ns()) / NS_PER_S, 0.0), _WAIT_S)
-        now_ns = _listen(reader, watch, wait_s)
-        if now_ns >= print_ns:
-            print(one_line(watch, now_ns), flush=True)
-            print_ns += max((now_ns - print_ns) // NS_PER_S + 1, 1) * NS_PER_S
-
-
-def _listen(reader: LiveReader, watch: BusWatch, wait_s: float) -> int:
-    """Receive the frames that arrive within ``wait_s`` [s]; returns the time now [ns]."""
-    end_ns = time.monotonic_ns() + round(wait_s * NS_PER_S)
-    now_ns = end_ns - 1
-    for _ in range(_FRAMES_PER_TURN_MAX):
-        read = reader.next(end_ns)
-        now_ns = time.monotonic_ns()
-        if read is not None:
+        for _ in range(_FRAMES_PER_TURN_MAX):
+            read = reader.next(show_ns)
+            if read is None:
+                break
             watch.on_frame(read.frame, read.time_ns, has_time=read.has_time)
-        if now_ns >= end_ns:
-            break
-    return now_ns
+        now_ns = time.monotonic_ns()
+        if now_ns >= show_ns:
+            show(watch, now_ns)
+            show_ns += ((now_ns - show_ns) // period_ns + 1) * period_ns
 
 
 if __name__ == "__main__":
