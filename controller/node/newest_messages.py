@@ -16,6 +16,7 @@ from ...dbc.messages import (
     sent_by,
 )
 from ...dbc.reception import Reception
+from ...runtime.fast_named_tuple import fast_constructor
 from ..age_limits import freshness
 from ..law_interface import NO_VEHICLE, VehicleReading
 from ..settings import ControllerSettings
@@ -25,6 +26,7 @@ SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleSt
 _NAMES = ("LATERAL_ERROR", "STEERING_STATUS", "VEHICLE_STATE")
 RECEIVED: tuple[type[Message], ...] = (*SUPERVISED, PathAhead)
 """The messages that the controller receives."""
+_reading = fast_constructor(VehicleReading)
 _APPLYING, _HOLDING = SteeringStatusCode.APPLYING, SteeringStatusCode.HOLDING
 SENT = sent_by("CONTROLLER")
 """The messages that the controller alone sends."""
@@ -90,7 +92,7 @@ class Received:
 
     def on_motion(self, message: VehicleState) -> None:
         """Store how the vehicle moves."""
-        self.vehicle = VehicleReading(
+        self.vehicle = _reading(
             speed_m_s=message.speed_m_s,
             yaw_rate_rad_s=message.yaw_rate_rad_s,
             preview_curvature_1_m=message.preview_curvature_1_m,

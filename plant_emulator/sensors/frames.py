@@ -17,6 +17,7 @@ from ...dbc.messages import (
     VehicleState,
     limits,
 )
+from ...runtime.fast_named_tuple import fast_constructor
 from ...runtime.frame import Frame
 
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
@@ -28,6 +29,8 @@ _CURVATURE_RANGE = limits(VehicleState)["preview_curvature_1_m"]
 _COMMAND_RANGE = limits(SteeringForce)["limited_command_rad"]
 _FORCE_RANGE = limits(SteeringForce)["rack_force_n"]
 _CG_RANGE = limits(GroundTruth)["cg_deviation_m"]
+_error, _status = fast_constructor(LateralError), fast_constructor(SteeringStatus)
+_state = fast_constructor(VehicleState)
 _NO_ERROR = LateralError(lateral_error_m=0.0, heading_error_rad=0.0)
 
 
@@ -55,9 +58,7 @@ class SensorFrames:
         if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
             # The sensor reports an angle within one turn.
             turned_rad = remainder(heading_rad, tau)
-            return self._errors.frame(
-                LateralError(lateral_error_m=error_m, heading_error_rad=turned_rad)
-            )
+            return self._errors.frame(_error(lateral_error_m=error_m, heading_error_rad=turned_rad))
         self.not_available += 1
         return self._errors.not_available(_NO_ERROR)
 
@@ -66,12 +67,12 @@ class SensorFrames:
         if not _WHEEL_LOW_RAD <= wheel_rad <= _WHEEL_HIGH_RAD:
             wheel_rad = self._clamp(wheel_rad, _WHEEL_RANGE)
         return self._statuses.frame(
-            SteeringStatus(wheel_angle_rad=wheel_rad, applied_counter=applied, status=code)
+            _status(wheel_angle_rad=wheel_rad, applied_counter=applied, status=code)
         )
 
     def vehicle_state(self, speed_m_s: float, yaw_rate_rad_s: float, curvature_1_m: float) -> Frame:
         """Return VEHICLE_STATE."""
-        state = VehicleState(
+        state = _state(
             speed_m_s=self._clamp(speed_m_s, _SPEED_RANGE),
             yaw_rate_rad_s=self._clamp(yaw_rate_rad_s, _YAW_RATE_RANGE),
             preview_curvature_1_m=self._clamp(curvature_1_m, _CURVATURE_RANGE),

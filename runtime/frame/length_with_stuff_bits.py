@@ -19,9 +19,8 @@ through here. Bits before SOF fill up the first byte. They alternate and end rec
 idle bus, so they neither get a stuff bit nor lengthen a run.
 """
 
-from functools import cache, lru_cache
-from operator import itemgetter
-from typing import Any, NamedTuple, TypeAlias
+from functools import lru_cache
+from typing import NamedTuple
 
 from .frame import (
     BITRATE_SWITCH,
@@ -48,9 +47,6 @@ _CLASSIC_TRAILER_BITS = 1 + 2 + 7
 _HEADER_BITS = 19
 """Start of frame to the data length code, with 11 bits of identifier."""
 _BASE_ID_MAX = 0x7FF
-_EIGHT_BYTES_BITS = _HEADER_BITS + 64 + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
-_STUFFED_MAX = 24
-"""Most stuff bits in such a frame: after the first five bits, every four."""
 
 _FD_UNTIL_BRS, _FD_UNTIL_BRS_EXTENDED = 17, 36
 """Start of frame to the bit that switches the rate."""
@@ -91,8 +87,6 @@ def _crc15_table() -> tuple[int, ...]:
 
 _StuffRow = list[tuple["_StuffRow", int]]
 """For each byte value: the row to continue with, and the stuff bits inserted on the way."""
-_CountedRow: TypeAlias = list[Any]
-"""For each byte value the row to continue with; then, as the last, the stuff bits so far."""
 
 
 def _stuff_rows() -> list[_StuffRow]:
@@ -102,6 +96,10 @@ def _stuff_rows() -> list[_StuffRow]:
     still open: a classic frame adds the stuff bit there, an FD frame has its fixed one.
     """
     rows: list[_StuffRow] = [[] for _ in range(10)]
+    # Equal entries are one object: few enough that a processor keeps them all at hand.
+    entries = {
+        (state, stuffed): (rows[state], stuffed) for state in range(10) for stuffed in range(3)
+    }
     for state, row in enumerate(rows):
         for byte in range(256):
             last, run, stuffed = state // 5, state % 5 + 1, 0
@@ -110,28 +108,8 @@ def _stuff_rows() -> list[_StuffRow]:
                     last, run, stuffed = 1 - last, 1, stuffed + 1
                 bit = byte >> shift & 1
                 last, run = (last, run + 1) if bit == last else (bit, 1)
-            row.append((rows[last * 5 + run - 1], stuffed))
+            row.append(entries[last * 5 + run - 1, stuffed])
     return rows
-
-
-@cache
-def _counted_rows() -> list[list[_CountedRow]]:
-    """Return the rows of ``_STUFF_ROWS`` for each number of stuff bits in front of a byte."""
-    states = len(_STUFF_ROWS)
-    place = {id(row): state for state, row in enumerate(_STUFF_ROWS)}
-    rows: list[_CountedRow] = [[] for _ in range(states * (_STUFFED_MAX + 3))]
-    after_byte = [
-        itemgetter(*(states * more + place[id(after)] for after, more in row))
-        for row in _STUFF_ROWS
-    ]
-    counted = [rows[first : first + states] for first in range(0, len(rows), states)]
-    for stuffed in range(_STUFFED_MAX + 1):
-        # A byte adds two stuff bits at most.
-        within_reach = rows[states * stuffed : states * (stuffed + 3)]
-        for row, continued in zip(counted[stuffed], after_byte, strict=True):
-            row += continued(within_reach)
-            row.append(stuffed)
-    return counted
 
 
 _CRC15_TABLE = _crc15_table()
@@ -207,23 +185,30 @@ def bits_of_eight_bytes(can_id: int, data: bytes) -> int:
     The CRC is linear: it is that of the header and zeros, and of each byte and the zeros after it.
     Raises ValueError for a longer identifier.
     """
-    crc, row = _before_eight_bytes(can_id)
+    crc, row, bits = _before_eight_bytes(can_id)
     a, b, c, d, e, f, g, h = data
     crc ^= _CRC_7[a] ^ _CRC_6[b] ^ _CRC_5[c] ^ _CRC_4[d]
     crc ^= _CRC_3[e] ^ _CRC_2[f] ^ _CRC_1[g] ^ _CRC_0[h]
-    row = row[a][b][c][d][e][f][g][h][crc >> 7][crc << 1 & 0xFF]
-    stuffed: int = row[-1]
-    return _EIGHT_BYTES_BITS + stuffed
+    row, in_a = row[a]
+    row, in_b = row[b]
+    row, in_c = row[c]
+    row, in_d = row[d]
+    row, in_e = row[e]
+    row, in_f = row[f]
+    row, in_g = row[g]
+    row, in_h = row[h]
+    row, in_crc = row[crc >> 7]
+    bits += in_a + in_b + in_c + in_d + in_e + in_f + in_g + in_h + in_crc
+    return bits + row[crc << 1 & 0xFF][1]
 
 
 @lru_cache(maxsize=4096)
-def _before_eight_bytes(can_id: int) -> tuple[int, _CountedRow]:
-    """CRC of header and 8 zeros, and the row after the header; raises ValueError."""
+def _before_eight_bytes(can_id: int) -> tuple[int, _StuffRow, int]:
+    """CRC of header and 8 zeros, row after the header, bits but the stuff bits to come."""
     if not 0 <= can_id <= _BASE_ID_MAX:
         raise ValueError(f"not a frame that can be sent: its identifier is {can_id:#x}")
     register, row, sent = _after_header(can_id, 8, 0)
-    state = next(state for state, one in enumerate(_STUFF_ROWS) if one is row)
-    return crc15(bytes(8), register), _counted_rows()[sent - _HEADER_BITS][state]
+    return crc15(bytes(8), register), row, sent + 64 + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
 
 
 @lru_cache(maxsize=4096)
