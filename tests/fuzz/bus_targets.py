@@ -9,6 +9,7 @@ A client reports a broker that breaks the protocol as a BusError, or as an error
 import socket
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from random import Random
 from tempfile import TemporaryDirectory
 from threading import Thread
 
@@ -22,7 +23,7 @@ from steer_by_wire.runtime.frame import FD
 from steer_by_wire.runtime.node import NS_PER_US
 from steer_by_wire.runtime.port.python_can import BusPort
 from tests.fuzz.fuzzed_bus import CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus
-from tests.fuzz.traffic import Choices, Sender
+from tests.fuzz.traffic import Sender, noise_of
 from tests.support.programs.broker_bench import BITRATE_BIT_S
 
 INTRUDERS_MAX = 6
@@ -30,27 +31,23 @@ DEEDS_MAX = 150
 """Largest number of the intruders' actions in one input."""
 
 
-def fuzz_broker(data: bytes) -> None:
+def fuzz_broker(rng: Random) -> None:
     """Let intruders send anything to a broker that also serves two orderly clients."""
-    choices = Choices(data)
     with FuzzedBus() as bus:
         intruders: list[socket.socket] = []
-        for _ in range(DEEDS_MAX):
-            if choices.exhausted:
-                break
-            _do_something(choices, bus, intruders)
-            bus.turn(choices.integer(0, 3) * choices.integer(0, 255) * NS_PER_US)
-            if choices.chance(96):
+        for _ in range(rng.randint(0, DEEDS_MAX)):
+            _do_something(rng, bus, intruders)
+            bus.turn(rng.randint(0, 3) * rng.randint(0, 255) * NS_PER_US)
+            if rng.random() < 0.4:
                 bus.say()
         bus.finish()
 
 
-def fuzz_bus_client(data: bytes) -> None:
+def fuzz_bus_client(rng: Random) -> None:
     """Let a client connect to something that answers with any bytes."""
-    choices = Choices(data)
-    fd = choices.chance(96)
+    fd = rng.random() < 0.4
     answer = protocol.Answer(BITRATE_BIT_S, DATA_BITRATE_BIT_S).pack()
-    said = answer + choices.rest() if choices.chance(224) else choices.rest()
+    said = answer + noise_of(rng) if rng.random() < 0.9 else noise_of(rng)
     with ExitStack() as stack:
         address = Path(stack.enter_context(TemporaryDirectory())) / "socket"
         listener = stack.enter_context(listening(UnixAddress(address)))
@@ -70,8 +67,8 @@ def fuzz_bus_client(data: bytes) -> None:
                 port.recv(0.01)
 
 
-def _do_something(choices: Choices, bus: FuzzedBus, intruders: list[socket.socket]) -> None:
-    deed = choices.integer(0, 9)
+def _do_something(rng: Random, bus: FuzzedBus, intruders: list[socket.socket]) -> None:
+    deed = rng.randint(0, 9)
     if deed < 2 or not intruders:
         if len(intruders) >= INTRUDERS_MAX:
             return
@@ -81,45 +78,45 @@ def _do_something(choices: Choices, bus: FuzzedBus, intruders: list[socket.socke
             return
         deed = 2
     else:
-        intruder = choices.pick(intruders)
+        intruder = rng.choice(intruders)
     with suppress(OSError):  # it was dropped, or its buffer is full
         if deed == 2:
-            intruder.send(_hello(choices))
+            intruder.send(_hello(rng))
         elif deed < 8:
-            intruder.send(_records(choices))
+            intruder.send(_records(rng))
         elif deed == 8:
             intruder.recv(1 << 16)
-        elif choices.chance(128):
+        elif rng.random() < 0.5:
             intruder.shutdown(socket.SHUT_WR)
         else:
             intruders.remove(intruder)
             intruder.close()
 
 
-def _hello(choices: Choices) -> bytes:
-    channel = CHANNEL if choices.chance(192) else f"c{choices.integer(0, 255)}"
-    rates = (0, BITRATE_BIT_S, 1) if choices.chance(32) else (0,)
+def _hello(rng: Random) -> bytes:
+    channel = CHANNEL if rng.random() < 0.75 else f"c{rng.randint(0, 255)}"
+    rates = (0, BITRATE_BIT_S, 1) if rng.random() < 0.1 else (0,)
     raw = protocol.Hello(
-        channel, choices.chance(96), choices.chance(96), choices.pick(rates), choices.pick(rates)
+        channel, rng.random() < 0.4, rng.random() < 0.4, rng.choice(rates), rng.choice(rates)
     ).pack()
-    if choices.chance(32):
-        return choices.raw(choices.integer(0, 2 * protocol.HELLO.size))
-    return raw[: choices.integer(0, len(raw))] if choices.chance(16) else raw
+    if rng.random() < 0.1:
+        return rng.randbytes(rng.randint(0, 2 * protocol.HELLO.size))
+    return raw[: rng.randint(0, len(raw))] if rng.random() < 0.06 else raw
 
 
-def _records(choices: Choices) -> bytes:
-    size = protocol.CLASSIC_BYTES if choices.chance(160) else protocol.FD_BYTES
-    kind = choices.integer(0, 4)
+def _records(rng: Random) -> bytes:
+    size = protocol.CLASSIC_BYTES if rng.random() < 0.6 else protocol.FD_BYTES
+    kind = rng.randint(0, 4)
     if kind < 3:
-        frame = Sender().frame(choices)
+        frame = Sender().frame(rng)
         length_max = 64 if frame.flags & FD else 8
         raw = protocol.pack_frame(size, frame._replace(data=frame.data[:length_max]))
-        raw *= choices.integer(1, 80)
+        raw *= rng.randint(1, 80)
     elif kind == 3:
-        raw = bytes(8) + choices.raw(6) + bytes(2) + choices.raw(size - 16)
+        raw = bytes(8) + rng.randbytes(6) + bytes(2) + rng.randbytes(size - 16)
     else:
-        raw = choices.raw(choices.integer(0, 200))
-    return raw[: choices.integer(0, len(raw))] if choices.chance(16) else raw
+        raw = rng.randbytes(rng.randint(0, 200))
+    return raw[: rng.randint(0, len(raw))] if rng.random() < 0.06 else raw
 
 
 def _pose_as_broker(listener: socket.socket, said: bytes) -> None:

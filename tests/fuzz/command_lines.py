@@ -17,12 +17,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, chdir, contextmanager, redirect_stderr, redirect_stdout
 from functools import lru_cache
 from pathlib import Path
+from random import Random
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 from unittest.mock import patch
 
-from tests.fuzz.log_targets import faultless_log
-from tests.fuzz.traffic import Choices
+from tests.fuzz.log_targets import damaged, faultless_log
+from tests.fuzz.traffic import text_of
 
 WORDS_MAX = 8
 _STOPS: Mapping[str, tuple[str, ...]] = {
@@ -68,6 +70,16 @@ _WORDS = (
 )  # fmt: skip
 
 
+ROOT = Path(__file__).resolve().parents[2]
+_READERS = (
+    ("steer_by_wire.tools.can.__main__", "response-times", "dbc/*.dbc"),
+    ("steer_by_wire.tools.dialect.__main__", "new", "dbc/*.dbc"),
+    ("steer_by_wire.controller.command_line.program", "--check", "controller/presets/*.toml"),
+    ("steer_by_wire.tools.run.__main__", "--duration=0.2", "plant_emulator/presets/*.toml"),
+)
+"""Programs that read a file of a stranger's, the word before it, and where whole ones are."""
+
+
 class _Reached(BaseException):
     """The program has reached its work."""
 
@@ -80,23 +92,32 @@ class Outcome(NamedTuple):
     err: str
 
 
-def fuzz_command_line(data: bytes) -> None:
+def fuzz_command_line(rng: Random) -> None:
     """Give some program some arguments."""
-    choices = Choices(data)
-    module = choices.pick(tuple(PROGRAMS))
+    module = rng.choice(tuple(PROGRAMS))
     options = options_of(module)
     words = []
-    for _ in range(choices.integer(0, WORDS_MAX)):
-        kind = choices.integer(0, 7)
+    for _ in range(rng.randint(0, WORDS_MAX)):
+        kind = rng.randint(0, 7)
         if kind < 3:
-            words.append(choices.pick(options))
+            words.append(rng.choice(options))
         elif kind < 5:
-            words.append(choices.pick(FILES))
+            words.append(rng.choice(FILES))
         elif kind == 5:
-            words.append(choices.text(12).replace("/", "_").replace("\0", ""))
+            words.append(text_of(rng, 12).replace("/", "_").replace("\0", ""))
         else:
-            words.append(choices.pick(_WORDS))
+            words.append(rng.choice(_WORDS))
     judge(module, words, run_program(module, words))
+
+
+def fuzz_damaged_file(rng: Random) -> None:
+    """Give a program a database or a preset that is damaged."""
+    module, word, files = rng.choice(_READERS)
+    content = damaged(rng, rng.choice(sorted(ROOT.glob(files))).read_bytes())
+    name = f"damaged{Path(files).suffix}"
+    outcome = run_program(module, [word, name], {name: content})
+    judge(module, [word], outcome)
+    assert outcome.status in (None, 0, 2, 4)
 
 
 def judge(module: str, words: Sequence[str], outcome: Outcome) -> None:
@@ -109,11 +130,18 @@ def judge(module: str, words: Sequence[str], outcome: Outcome) -> None:
     assert status == 0 or bool(err.strip()), f"{module} {words}: status {status} without a word"
 
 
-def run_program(module: str, words: Sequence[str]) -> Outcome:
-    """Run a program in a folder of its own until it ends or reaches its work."""
+def run_program(
+    module: str, words: Sequence[str], files: Mapping[str, bytes] = MappingProxyType({})
+) -> Outcome:
+    """Run a program in a folder of its own, with files, until it ends or reaches its work."""
     out, err = _terminal("strict"), _terminal("backslashreplace")
     main = importlib.import_module(module).main
-    with _stopped(PROGRAMS[module]), _folder(), redirect_stdout(out), redirect_stderr(err):
+    with (
+        _stopped(PROGRAMS.get(module, ())),
+        _folder(files),
+        redirect_stdout(out),
+        redirect_stderr(err),
+    ):
         try:
             status = main(list(words))
         except SystemExit as end:
@@ -147,9 +175,9 @@ def _stop(*_arguments: object, **_options: object) -> NoReturn:
 
 
 @contextmanager
-def _folder() -> Iterator[None]:
+def _folder(files: Mapping[str, bytes]) -> Iterator[None]:
     with TemporaryDirectory() as folder, chdir(folder):
-        for name, content in _contents().items():
+        for name, content in {**_contents(), **files}.items():
             Path(name).write_bytes(content)
         Path("folder").mkdir()
         yield

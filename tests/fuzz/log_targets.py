@@ -10,6 +10,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
+from random import Random
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -24,7 +25,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.tools.analyze.report import report_html
-from tests.fuzz.traffic import Choices, Sender
+from tests.fuzz.traffic import Sender, noise_of, text_of
 from tests.support.frames.made_messages import command_of, error_of, message_with
 
 SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".log.gz", ".asc.gz", ".blf.gz")
@@ -34,15 +35,19 @@ _STAMPS = (
     "999999999999.999999999",
     "2015-07-10 08:10:52.1",
 )
+_PIECES = (
+    *(b"9" * 12, b"9" * 400, b"-", b".", b"e9", b"nan", b"\n", b"\0", b'"', b"\xc3\xa9;"),
+    *(b"[" * 5_000, b"a" + b".a" * 20_000 + b" = 1\n"),
+)
+"""Digits and separators, which is what times, lengths and keys of texts are made of."""
 _LOGGED = 60
 """Frames of the faultless log that inputs are made from by damaging it."""
 
 
-def fuzz_log(data: bytes) -> None:
+def fuzz_log(rng: Random) -> None:
     """Analyse a file that claims to be a log."""
-    choices = Choices(data)
-    suffix = choices.pick(SUFFIXES)
-    content = _content(choices, suffix)
+    suffix = rng.choice(SUFFIXES)
+    content = _content(rng, suffix)
     logging.getLogger("can").addHandler(logging.NullHandler())
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"fuzzed{suffix}"
@@ -66,57 +71,54 @@ def _look(figures: Mapping[str, Any]) -> None:
     assert counted == figures["frames"] > 0, f"{figures['frames']} frames, {counted} counted"
 
 
-def _content(choices: Choices, suffix: str) -> bytes:
+def _content(rng: Random, suffix: str) -> bytes:
     """Return the bytes of a file: noise, lines, or a faultless log that is damaged."""
-    kind = choices.integer(0, 3)
+    kind = rng.randint(0, 3)
     inner = suffix.removesuffix(".gz")
     if kind == 0:
-        content = choices.rest()
+        content = noise_of(rng)
     elif kind == 1 and inner in {".log", ".txt"}:
-        lines = []
-        while not choices.exhausted:
-            lines.append(_candump_line(choices))
+        lines = [_candump_line(rng) for _ in range(rng.randint(0, 60))]
         content = "\n".join(lines).encode("utf-8", errors="surrogateescape")
     else:
-        content = _damaged(choices, faultless_log(".log" if inner == ".txt" else inner))
-    if suffix.endswith(".gz") and not choices.chance(32):
+        content = damaged(rng, faultless_log(".log" if inner == ".txt" else inner))
+    if suffix.endswith(".gz") and rng.random() >= 0.1:
         content = gzip.compress(content, 1)
     return content
 
 
-def _damaged(choices: Choices, content: bytes) -> bytes:
+def damaged(rng: Random, content: bytes) -> bytes:
     """Return ``content`` with a few pieces replaced, taken out, or put in twice."""
-    damaged = bytearray(content)
-    for _ in range(choices.integer(1, 8)):
-        place, size = choices.integer(0, len(damaged)), choices.integer(0, 40)
-        kind = choices.integer(0, 3)
+    broken = bytearray(content)
+    for _ in range(rng.randint(1, 8)):
+        place, size = rng.randint(0, len(broken)), rng.randint(0, 40)
+        kind = rng.randint(0, 3)
         if kind == 0:
-            damaged[place : place + size] = choices.raw(size)
+            broken[place : place + size] = rng.randbytes(size)
         elif kind == 1:
-            del damaged[place : place + size]
+            del broken[place : place + size]
         elif kind == 2:
-            damaged[place:place] = damaged[place : place + size]
+            broken[place:place] = broken[place : place + size]
         else:
-            # Digits and separators, which is what times and lengths of text formats are made of.
-            damaged[place : place + 1] = choices.pick((b"9" * 12, b"-", b".", b"e9", b"nan", b"\n"))
-    return bytes(damaged)
+            broken[place : place + 1] = rng.choice(_PIECES)
+    return bytes(broken)
 
 
-def _candump_line(choices: Choices) -> str:
-    if choices.chance(48):
-        return choices.text(60)
-    stamp = choices.pick(_STAMPS)
-    frame = Sender().frame(choices)
-    head = f"({stamp}) vcan0 {frame.can_id:0{choices.pick((3, 8))}X}"
+def _candump_line(rng: Random) -> str:
+    if rng.random() < 0.2:
+        return text_of(rng, 60)
+    stamp = rng.choice(_STAMPS)
+    frame = Sender().frame(rng)
+    head = f"({stamp}) vcan0 {frame.can_id:0{rng.choice((3, 8))}X}"
     payload = frame.data.hex().upper()
-    kind = choices.integer(0, 4)
+    kind = rng.randint(0, 4)
     if kind == 0:
         return f"{head}#{payload}"
     if kind == 1:
-        return f"{head}##{choices.integer(0, 15):X}{payload}"
+        return f"{head}##{rng.randint(0, 15):X}{payload}"
     if kind == 2:
-        return f"{head}#R{choices.pick(('', '8', '9', '8_F'))}"
-    length = len(frame.data) if choices.chance(200) else choices.integer(0, 99)
+        return f"{head}#R{rng.choice(('', '8', '9', '8_F'))}"
+    length = len(frame.data) if rng.random() < 0.8 else rng.randint(0, 99)
     spaced = " ".join(payload[index : index + 2] for index in range(0, len(payload), 2))
     return f" {head}   [{length}]  {spaced}"
 

@@ -12,6 +12,7 @@ import json
 import math
 from collections.abc import Callable, Collection, Sequence
 from functools import lru_cache
+from random import Random
 
 from steer_by_wire.controller.node.node import RECEIVED as CONTROLLER_RECEIVES
 from steer_by_wire.controller.node.node import SENT as CONTROLLER_SENDS
@@ -50,7 +51,7 @@ from steer_by_wire.plant_emulator.vehicle.motion_parameters import MotionParams,
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S, Node, ReportingNode
 from steer_by_wire.runtime.settings import load_settings
-from tests.fuzz.traffic import Choices, wake_ups
+from tests.fuzz.traffic import wake_ups
 
 TICKS_MAX = 10
 """Ticks at one time after which a node must have moved its deadline."""
@@ -93,34 +94,31 @@ HAND_WHEELS = (
 )
 
 
-def fuzz_controller(data: bytes) -> None:
+def fuzz_controller(rng: Random) -> None:
     """Let any traffic come to a controller."""
-    choices = Choices(data)
-    settings = controller_settings(choices.integer(0, len(CONTROLLERS) - 1))
+    settings = controller_settings(rng.randint(0, len(CONTROLLERS) - 1))
     known = (*CONTROLLER_RECEIVES, *CONTROLLER_SENDS)
     if settings.hand_wheel is not None:
         known = (*known, HandWheelState)
-    drive(choices, lambda: ControllerNode(settings, 0), known, outgoing_of_controller(settings))
+    drive(rng, lambda: ControllerNode(settings, 0), known, outgoing_of_controller(settings))
 
 
-def fuzz_plant(data: bytes) -> None:
+def fuzz_plant(rng: Random) -> None:
     """Let any traffic come to a plant."""
-    choices = Choices(data)
-    settings, params = plant_settings(choices.integer(0, len(PLANTS) - 1))
+    settings, params = plant_settings(rng.randint(0, len(PLANTS) - 1))
     known = (*PLANT_RECEIVES, *PLANT_SENDS)
     if settings.hand_wheel is not None:
         known = (*known, *OF_HAND_WHEEL)
-    drive(choices, lambda: PlantNode(settings, 0, params), known, outgoing_of_plant())
+    drive(rng, lambda: PlantNode(settings, 0, params), known, outgoing_of_plant())
 
 
-def fuzz_hand_wheel(data: bytes) -> None:
+def fuzz_hand_wheel(rng: Random) -> None:
     """Let any traffic come to a hand wheel."""
-    choices = Choices(data)
-    overrides = HAND_WHEELS[choices.integer(0, len(HAND_WHEELS) - 1)]
+    overrides = HAND_WHEELS[rng.randint(0, len(HAND_WHEELS) - 1)]
     settings = load_settings(HandWheelSettings, overrides=overrides)
     known = (*HAND_WHEEL_RECEIVES, *HAND_WHEEL_SENDS)
     outgoing = Outgoing(HAND_WHEEL_SENDS)
-    drive(choices, lambda: HandWheelNode(settings, 0), known, outgoing)
+    drive(rng, lambda: HandWheelNode(settings, 0), known, outgoing)
 
 
 @lru_cache
@@ -210,12 +208,12 @@ def outgoing_of_plant() -> Outgoing:
 
 
 def drive(
-    choices: Choices,
+    rng: Random,
     make_node: Callable[[], ReportingNode],
     known: Collection[type[Message]],
     outgoing: Outgoing,
 ) -> None:
-    """Run a node through what ``choices`` decide.
+    """Run a node through what is drawn.
 
     ``known``  what it receives, and what nobody else may send
 
@@ -224,7 +222,7 @@ def drive(
     node, twin = make_node(), make_node()
     ids = {CAN_IDS[message_type] for message_type in known}
     taken = 0
-    for now_ns, frames in wake_ups(choices):
+    for now_ns, frames in wake_ups(rng):
         for frame in frames:
             sent = list(node.on_frame(frame, now_ns))
             outgoing.look(sent)

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
+from random import Random
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
@@ -33,7 +34,7 @@ from steer_by_wire.runtime.settings import (
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
 from tests.fuzz.node_targets import Outgoing, outgoing_of_controller, outgoing_of_plant
-from tests.fuzz.traffic import Choices
+from tests.fuzz.traffic import noise_of, number_of, text_of
 from tests.support.frames.made_messages import command_of, error_of
 
 ENTRIES_MAX = 6
@@ -51,22 +52,21 @@ class Subject(NamedTuple):
     run: Callable[[Any], None]
 
 
-def fuzz_settings(data: bytes) -> None:
+def fuzz_settings(rng: Random) -> None:
     """Read settings of any kind from a file and from ``--set``, and run what is accepted."""
-    choices = Choices(data)
-    subject = choices.pick(subjects())
+    subject = rng.choice(subjects())
     leaves = leaves_of(subject.model)
     preset = None
-    if subject.preset_package is not None and not choices.chance(32):
+    if subject.preset_package is not None and rng.random() >= 0.1:
         names = preset_names(subject.preset_package)
-        preset = read_preset(subject.preset_package, choices.pick(names))
-    overrides = _entries(choices, leaves, "=")
+        preset = read_preset(subject.preset_package, rng.choice(names))
+    overrides = _entries(rng, leaves, "=")
     with TemporaryDirectory() as folder:
         file = Path(folder) / "fuzzed.toml"
-        if choices.chance(96):
-            file.write_bytes(choices.rest())
+        if rng.random() < 0.4:
+            file.write_bytes(noise_of(rng))
         else:
-            text = "\n".join(_entries(choices, leaves, " = "))
+            text = "\n".join(_entries(rng, leaves, " = "))
             file.write_text(text, encoding="utf-8", errors="replace")
         settings = settled(
             lambda: load_settings(subject.model, preset, file, overrides),
@@ -76,13 +76,12 @@ def fuzz_settings(data: bytes) -> None:
         settled(lambda: subject.run(settings), ("",))
 
 
-def fuzz_waypoints(data: bytes) -> None:
+def fuzz_waypoints(rng: Random) -> None:
     """Read waypoints, and follow what path there is."""
-    choices = Choices(data)
-    closed = choices.chance(128)
+    closed = rng.random() < 0.5
     with TemporaryDirectory() as folder:
         file = Path(folder) / "waypoints.csv"
-        file.write_bytes(_table(choices, "x_m,y_m"))
+        file.write_bytes(_table(rng, "x_m,y_m"))
         path = settled(lambda: waypoint_path(file, closed=closed), (str(file),))
     if path is None:
         return
@@ -90,12 +89,11 @@ def fuzz_waypoints(data: bytes) -> None:
     assert all(map(math.isfinite, values)), "a path that is not finite"
 
 
-def fuzz_trace(data: bytes) -> None:
+def fuzz_trace(rng: Random) -> None:
     """Read recorded latencies, and ask for some of them."""
-    choices = Choices(data)
     with TemporaryDirectory() as folder:
         file = Path(folder) / "trace.csv"
-        file.write_bytes(_table(choices, choices.pick(("latency_s", "time_s,latency_s"))))
+        file.write_bytes(_table(rng, rng.choice(("latency_s", "time_s,latency_s"))))
         overrides = [f"latency.downlink.trace_file={json.dumps(str(file))}"]
         settings = settled(
             lambda: load_settings(PlantSettings, overrides=overrides), ("command line", "settings")
@@ -152,32 +150,32 @@ def _leaves(root: Mapping[str, Any], schema: Mapping[str, Any], prefix: str) -> 
         yield from _leaves(root, child, dotted)
 
 
-def _entries(choices: Choices, leaves: Sequence[str], equals: str) -> list[str]:
+def _entries(rng: Random, leaves: Sequence[str], equals: str) -> list[str]:
     entries = []
-    for _ in range(choices.integer(0, ENTRIES_MAX)):
-        key = choices.text(12) if choices.chance(16) else choices.pick(leaves)
-        entries.append(f"{key}{equals}{toml_value(choices)}")
+    for _ in range(rng.randint(0, ENTRIES_MAX)):
+        key = text_of(rng, 12) if rng.random() < 0.06 else rng.choice(leaves)
+        entries.append(f"{key}{equals}{toml_value(rng)}")
     return entries
 
 
-def toml_value(choices: Choices) -> str:
+def toml_value(rng: Random) -> str:
     """Return a value in TOML's syntax, or something similar."""
-    kind = choices.integer(0, 11)
+    kind = rng.randint(0, 11)
     if kind < 4:
-        return repr(choices.number())
+        return repr(number_of(rng))
     if kind < 6:
-        return f"1e{choices.integer(-_EXPONENT_MAX, _EXPONENT_MAX)}"
+        return f"1e{rng.randint(-_EXPONENT_MAX, _EXPONENT_MAX)}"
     if kind == 6:
-        return str(choices.integer(-(2**70), 2**70))
+        return str(rng.randint(-(2**70), 2**70))
     if kind == 7:
-        return json.dumps(choices.pick(_WORDS))
+        return json.dumps(rng.choice(_WORDS))
     if kind == 8:
-        return choices.pick(("true", "false", "1979-05-27", "07:32:00", "{}", "[]", "[[]]", '""'))
+        return rng.choice(("true", "false", "1979-05-27", "07:32:00", "{}", "[]", "[[]]", '""'))
     if kind == 9:
-        return f"[{', '.join(toml_value(choices) for _ in range(choices.integer(0, 3)))}]"
+        return f"[{', '.join(toml_value(rng) for _ in range(rng.randint(0, 3)))}]"
     if kind == 10:
-        return f"{{ {choices.text(5)} = {choices.integer(0, 9)} }}"
-    return choices.text()
+        return f"{{ {text_of(rng, 5)} = {rng.randint(0, 9)} }}"
+    return text_of(rng)
 
 
 _WORDS = (
@@ -188,14 +186,14 @@ _WORDS = (
 )  # fmt: skip
 
 
-def _table(choices: Choices, header: str) -> bytes:
-    if choices.chance(48):
-        return choices.rest()
+def _table(rng: Random, header: str) -> bytes:
+    if rng.random() < 0.2:
+        return noise_of(rng)
     columns = header.count(",") + 1
     lines = [header]
-    while not choices.exhausted:
-        cells = [f"{choices.number():.17g}" for _ in range(columns)]
-        lines.append(",".join(cells) if not choices.chance(8) else choices.text())
+    for _ in range(rng.randint(0, 40)):
+        cells = [f"{number_of(rng):.17g}" for _ in range(columns)]
+        lines.append(",".join(cells) if rng.random() >= 0.03 else text_of(rng))
     return "\n".join(lines).encode("utf-8", errors="surrogateescape")
 
 

@@ -13,7 +13,7 @@ from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
 from tests.fuzz.node_targets import controller_settings, plant_settings
-from tests.fuzz.traffic import Choices, Sender
+from tests.fuzz.traffic import Sender
 from tests.support.frames.made_messages import latency_of
 
 PERIOD_NS = 10 * NS_PER_MS
@@ -76,7 +76,7 @@ def send_garbage(node: ReportingNode, seed: int, frames: int, start_ns: int) -> 
     now_ns = start_ns
     for _ in range(frames):
         now_ns += PERIOD_NS
-        node.on_frame(sender.frame(Choices(random.randbytes(80))), now_ns)
+        node.on_frame(sender.frame(random), now_ns)
         if node.deadline_ns <= now_ns:
             node.on_tick(now_ns)
     return now_ns
