@@ -4,13 +4,10 @@ The C runs afterwards, as one process for many runs: two processes that wait for
 by record, take minutes for seconds on a busy machine.
 """
 
-import random
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
-
-from hypothesis import strategies as st
+from random import Random
 
 from steer_by_wire.closed_loop.lockstep.record import (
     DEADLINE,
@@ -24,33 +21,20 @@ from steer_by_wire.closed_loop.lockstep.record import (
     pack,
     unpack,
 )
-from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant
+from steer_by_wire.controller.node.node import RECEIVED, ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.dbc.messages import (
-    CAN_IDS,
-    COMMAND_COUNTERS,
-    DelayStatus,
-    EchoState,
-    LateralError,
-    PathAhead,
-    Sender,
-    SteeringCommand,
-    SteeringStatus,
-    SteeringStatusCode,
-    VehicleState,
-    encode_not_available,
-)
+from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
+from steer_by_wire.plant_emulator.node.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
-from steer_by_wire.runtime.node import NEVER_NS, Wrapper
+from steer_by_wire.runtime.node import NEVER_NS, Node, Wrapper
+from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.tools.generate_c.law_source import law_source
 from steer_by_wire.tools.generate_c.node_source import node_source
-from tests.support.frames.made_messages import (
-    command_of,
-    error_of,
-    message_with,
-    motion_of,
-    path_ahead_of,
-)
+from tests.fuzz.traffic import Sender
 
 from .law_in_c import STRICT, Target
 
@@ -138,172 +122,87 @@ def agree(words: Sequence[str], runs: Sequence[RecordedNode]) -> None:
             offset += RECORD_BYTES
 
 
-PERIOD_NS = 10_000_000
-(
-    ON_TIME,
-    SILENT,
-    LOSSY,
-    DAMAGED,
-    RESTARTED,
-    FORGED,
-    DOUBLED,
-    LATE,
-    OWN,
-    FORMATS,
-    OVERRUN,
-    HELD_UP,
-) = range(12)
-"""What happens to the plant's frames, or to the node's ticks, for some periods."""
-KEPT_PERIODS = 2
-Segment = tuple[int, int, int]
-"""Which of these, for how many periods, and a number that says how."""
+MS = 1_000_000
+FAULTS: Mapping[str, float] = {
+    "drop": 1.0,
+    "burst_loss": 20,
+    "duplicate": 0.4,
+    "reorder": 3,
+    "delay_spike": 0.3,
+    "freeze": 1.0,
+    "bit_flips": 0.02,
+    "spoof": 0.2,
+    "replay": 0.4,
+    "out_of_range": 0.5,
+}
+"""What happens to the plant's frames for a while, and how much of it."""
+HEARD = {CAN_IDS[kind] for kind in RECEIVED}
 
 
-class Traffic:
-    """A plant's frames, period by period, with faults drawn by ``seed``, and the node's ticks."""
+class Others:
+    """Others on the bus: frames of ours, damaged, forged or in other formats, at any times."""
 
-    def __init__(self, node: RecordedNode, start_ns: int, seed: int) -> None:
-        self._node, self._now_ns, self._random = node, start_ns, random.Random(seed)
-        self._messages = (LateralError, SteeringStatus, VehicleState, PathAhead)
-        self._senders = {kind: Sender(kind) for kind in self._messages}
-        self._others = {kind: Sender(kind) for kind in self._messages}
-        self._error_m, self._speed_m_s, self._wheel_rad, self._periods = 0.1, 1.4, 0.0, 0
-        self._status = SteeringStatusCode.APPLYING
-        self._kept: list[Frame] = []
-        node.on_tick(start_ns)
+    finished = False
 
-    def run(self, segment: Segment) -> None:
-        """Let a segment pass."""
-        kind, periods, number = segment
-        self._error_m += 0.001 * (number - 128)
-        if number % 5 == 0:
-            self._speed_m_s = self._random.choice((0.0, 0.05, 1.2, 1.4, 1.944, 1.95, 2.5, 20.0))
-        if number % 7 == 0:
-            self._status = self._random.choice([*SteeringStatusCode])
-        if kind == RESTARTED:
-            for sender in self._senders.values():
-                sender.counter = number
-        for period in range(periods):
-            frames = self._sent()
-            if kind == OVERRUN and period < periods - 1:
-                self._deliver(frames, self._now_ns + PERIOD_NS)
-                continue
-            if kind == HELD_UP:  # a buffer keeps the first ones, which come at the end
-                self._kept += frames if period < KEPT_PERIODS else []
-                frames, self._kept = ([], self._kept) if period < periods - 1 else (self._kept, [])
-            self._deliver(self._struck(kind, number, frames), self._now_ns + PERIOD_NS)
-            while self._node.deadline_ns <= self._now_ns and not self._node.finished:
-                self._node.on_tick(self._now_ns)
+    def __init__(self, random: Random) -> None:
+        self._random, self._sender, self.deadline_ns = random, Sender(), 100 * MS
 
-    def _sent(self) -> list[Frame]:
-        """Return the frames of a sample."""
-        self._periods += 1
-        self._error_m = max(-80.0, min(80.0, self._error_m + self._random.gauss(0.0, 0.002)))
-        self._wheel_rad = max(-1.0, min(1.0, self._wheel_rad + self._random.gauss(0.0, 0.01)))
-        applied = max(0, self._node.commands - 1 - self._random.randrange(4)) % COMMAND_COUNTERS
-        status = self._wheel_rad, applied, self._status
-        frames = [
-            self._senders[LateralError].frame(
-                error_of(self._error_m)._replace(heading_error_rad=0.01)
-            ),
-            self._senders[SteeringStatus].frame(status),
-        ]
-        if self._periods % 2:
-            yaw_rad_s = max(-2.0, min(2.0, self._speed_m_s * self._wheel_rad / 2.8))
-            frames.append(
-                self._senders[VehicleState].frame(motion_of(self._speed_m_s, yaw_rad_s, 0.01))
-            )
-        if self._periods % 4 == 0:
-            frames.append(
-                self._senders[PathAhead].frame(
-                    path_ahead_of([0.01] * 26, path_sample=self._periods % 256, path_spacing_m=0.5)
-                )
-            )
-        return frames
+    def on_frame(self, _frame: Frame, _now_ns: int) -> Sequence[Frame]:
+        return ()
 
-    def _struck(self, kind: int, number: int, frames: list[Frame]) -> list[Frame]:
-        """Return what arrives of them, and what else does."""
-        drawn = self._random
-        if kind == SILENT:
-            return [frame for index, frame in enumerate(frames) if not number >> index & 1]
-        if kind == LOSSY:
-            return [frame for frame in frames if drawn.random() > number / 400.0]
-        if kind == DAMAGED:
-            return [self._damaged(frame) if drawn.random() < 0.5 else frame for frame in frames]
-        if kind == FORGED and number % 4:
-            other = self._others[LateralError]
-            other.counter = (self._senders[LateralError].counter + number % 4 - 2) % 256
-            return [*frames, other.frame(error_of(drawn.choice((self._error_m, 0.7))))]
-        if kind == FORGED:
-            return [*frames, *(self._others[one].frame(self._value(one)) for one in self._others)]
-        if kind == DOUBLED:
-            return [frame for frame in frames for _ in range(1 + (drawn.random() < 0.4))]
-        if kind == LATE:
-            self._kept += frames
-            drawn.shuffle(self._kept)
-            back, self._kept = self._kept[number % 12 :], self._kept[: number % 12]
-            return back
-        if kind == OWN and drawn.random() < 0.2:
-            own = drawn.choice(
-                (
-                    Sender(SteeringCommand).frame(command_of(0.1, number)),
-                    Sender(DelayStatus).frame(
-                        message_with(DelayStatus, echo_delay_s=0.1, echo_state=EchoState.KNOWN)
-                    ),
-                )
-            )
-            return [*frames, own if number % 3 else self._damaged(own)]
-        if kind == FORMATS:
-            return [self._reshaped(frame, number) for frame in frames]
-        return frames
-
-    def _value(self, kind: type) -> tuple[Any, ...]:
-        return {
-            LateralError: (0.5, 0.0),
-            SteeringStatus: (0.1, 5, self._status),
-            VehicleState: (self._speed_m_s, 0.0, 0.0),
-            PathAhead: (1, 0.5, *[0.0] * 26),
-        }[kind]
-
-    def _damaged(self, frame: Frame) -> Frame:
-        data = bytearray(frame.data)
-        data[self._random.randrange(len(data))] ^= 1 << self._random.randrange(8)
-        return frame._replace(data=bytes(data))
-
-    def _reshaped(self, frame: Frame, number: int) -> Frame:
-        """Return a frame in another format, of another length, or without a value."""
-        match number % 5:
-            case 0:
-                return frame._replace(flags=EXTENDED)
-            case 1:
-                return frame._replace(flags=FD, data=frame.data[:8] + bytes(12))
-            case 2:
-                return frame._replace(data=frame.data[:5], flags=0)
-            case 3 if frame.can_id == CAN_IDS[LateralError]:
-                counter = self._senders[LateralError].counter - 1
-                return encode_not_available(error_of(), counter % 256)
-        return frame._replace(can_id=frame.can_id ^ 0x30)
-
-    def _deliver(self, frames: Sequence[Frame], end_ns: int) -> None:
-        """Deliver frames evenly until ``end_ns``, which then is now."""
-        begin_ns = self._now_ns
-        for index, frame in enumerate(frames):
-            self._node.on_frame(frame, begin_ns + (index + 1) * PERIOD_NS // (len(frames) + 1))
-        self._now_ns = end_ns
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        self.deadline_ns = now_ns + self._random.choice((1, 100, 300, 1000)) * MS
+        frame = self._sender.frame(self._random)
+        is_heard = frame.can_id in HEARD  # by an identifier of 29 bits it would not be an own one
+        flags = self._random.choice((0, 0, 0, FD, EXTENDED * is_heard))
+        data = frame.data[:8] + bytes(12) * (flags == FD and len(frame.data) >= 8)
+        return [Frame(frame.can_id % (1 << 11), data, flags)]
 
 
-def segments() -> st.SearchStrategy[list[Segment]]:
-    """Draw what happens to a node, from its start on."""
-    kinds = st.sampled_from((ON_TIME, *range(12)))
-    one = st.tuples(kinds, st.integers(1, 60), st.integers(0, 255))
-    return st.lists(one, min_size=3, max_size=25)
+class LateTicks(Wrapper[RecordedNode]):
+    """A node whose ticks are late from a time on, so that it ends."""
+
+    late_from_ns = 5000 * MS
+
+    @property
+    def deadline_ns(self) -> int:
+        deadline_ns = self.node.deadline_ns
+        return deadline_ns + 15 * MS * (deadline_ns > self.late_from_ns)
 
 
-def driven(settings: ControllerSettings, passing: Sequence[Segment], seed: int) -> RecordedNode:
-    """Let segments pass by the node in Python; returns it."""
-    node = RecordedNode(settings, seed * 1000, f"{passing}, {seed}")
-    traffic = Traffic(node, seed * 1000, seed)
-    for segment in passing:
-        if not node.finished:
-            traffic.run(segment)
+def on_network(node: RecordedNode, plant: PlantSettings, *others: Node) -> None:
+    """Let a node drive a plant in virtual time, among others on the bus."""
+    _, edge = make_virtual_plant(plant)
+    bus = QuietBus(QUIET_BUS.bitrate_bit_s)
+    executor = VirtualTimeExecutor((edge, LateTicks(node), *others), bus)
+    executor.run(round((plant.duration_s + 0.5) * 1e9))
+
+
+def drawn_run(settings: ControllerSettings, seed: int) -> RecordedNode:
+    """Return a node after faults, a jittering network and others on the bus."""
+    random = Random(seed)
+    node = RecordedNode(settings, 0, f"run {seed}")
+    faults = [
+        {"kind": kind, "direction": "uplink", "magnitude": FAULTS[kind]}
+        | {"message": random.choice(("LATERAL_ERROR", "STEERING_STATUS", "VEHICLE_STATE"))}
+        | {"onset_s": random.uniform(0.3, 4.0), "duration_s": random.uniform(0.1, 1.5)}
+        for kind in random.sample([*FAULTS], 6)
+    ]
+    for fault in faults:
+        if fault["kind"] == "spoof":
+            fault |= {"message": "LATERAL_ERROR", "signal": "lateral_error_m"}
+    line = {"mean_s": random.uniform(0.0, 0.2), "spread_s": 0.02, "model": "gamma", "loss": 0.01}
+    plant = PlantSettings.model_validate(
+        {
+            "duration_s": 6.0,
+            "latency": {"uplink": line | {"order": "as_arrives"}, "downlink": line},
+            "faults": faults,
+            "vehicle": {"speed_m_s": random.choice((0.5, 1.4, 2.5, 20.0))},
+            "path_ahead": {},
+        }
+    )
+    others: list[Node] = [Others(random)]
+    if random.random() < 0.3:
+        others.append(PlantNode(plant, 2000 * MS))  # a second one, whose counters are others
+    on_network(node, plant, *others)
     return node

@@ -1,6 +1,5 @@
 """The node in C sends the frames of the node in Python."""
 
-import random
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,24 +7,19 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.lockstep.record import RECORD_BYTES, START, Record, pack, unpack
-from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
-from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import ControllerSafety, Decoded, DelayStatus, Validity, decode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
 from steer_by_wire.tools.generate_c.node_source import commands_in_flight
 from tests.support.in_c.law_in_c import hosts, m7
 from tests.support.in_c.node_in_c import (
-    HELD_UP,
     NODE,
-    ON_TIME,
-    OVERRUN,
     RecordedNode,
     agree,
     answered,
     built_node,
-    driven,
+    drawn_run,
+    on_network,
     settings_of,
 )
 from tests.support.in_c.size_on_m7 import size_on_m7
@@ -64,34 +58,30 @@ def test_a_record_that_is_none_ends_the_program_unread(
     assert (ended.returncode, ended.stdout) == (0, b"")
 
 
-def on_network(node: RecordedNode, network: dict[str, object]) -> RecordedNode:
-    _, edge = make_virtual_plant(PlantSettings.model_validate(network))
-    run_virtual_nodes(edge, node, QuietBus(QUIET_BUS.bitrate_bit_s), None, lambda: False)
-    return node
-
-
 def through_all(count: int) -> list[RecordedNode]:
-    drawn, nodes = random.Random(1), list[RecordedNode]()
-    for seed in range(count):
-        kinds = [kind for kind in drawn.sample(range(12), 12) if kind != OVERRUN]
-        kinds += [OVERRUN] * 5
-        passing = [(kind, drawn.randint(2, 25), drawn.randrange(256)) for kind in kinds]
-        nodes.append(driven(SETTINGS, passing, seed))
-    return nodes
+    return [drawn_run(SETTINGS, seed) for seed in range(count)]
 
 
 def test_on_a_network_with_jitter(in_c: Sequence[str]) -> None:
-    node = on_network(RecordedNode(SETTINGS), JITTERING)
+    node = RecordedNode(SETTINGS)
+    on_network(node, PlantSettings.model_validate(JITTERING))
     agree(in_c, [node])
     assert node.commands > 150
 
 
 def test_after_a_bus_was_held_up(in_c: Sequence[str]) -> None:
-    agree(in_c, [driven(SETTINGS, [(ON_TIME, 30, 128), (HELD_UP, 60, 128), (ON_TIME, 30, 128)], 1)])
+    """A buffer keeps the first frames, which come at the end."""
+    node, uplink = RecordedNode(SETTINGS), {"direction": "uplink", "message": "all"}
+    faults = [
+        {"kind": "delay_spike", "onset_s": 0.3, "duration_s": 0.02, "magnitude": 0.6, **uplink},
+        {"kind": "drop", "onset_s": 0.32, "duration_s": 0.58, "magnitude": 1.0, **uplink},
+    ]
+    on_network(node, PlantSettings.model_validate({"duration_s": 1.2, "faults": faults}))
+    agree(in_c, [node])
 
 
 def test_through_all_that_happens_to_frames(in_c: Sequence[str]) -> None:
-    nodes = through_all(sampled(20, 400))
+    nodes = through_all(sampled(8, 400))
     agree(in_c, nodes)
     causes = {cause for node in nodes for cause in node.report()["rejected"]}
     assert {"bad_crc", "own_identifier", "no_key", "not_available", "too_far"} <= causes
@@ -105,7 +95,8 @@ def test_a_cortex_m7_sends_them_too(tmp_path: Path) -> None:
 
 def test_a_delay_longer_than_any_that_is_kept_is_still_too_long(tmp_path: Path) -> None:
     """The node keeps the times of the commands of twice the delay that is promised."""
-    node = on_network(RecordedNode(PROMISED), LONG_DELAY)
+    node = RecordedNode(PROMISED)
+    on_network(node, PlantSettings.model_validate(LONG_DELAY))
     answers = answered(built_node(PROMISED, tmp_path / "node", hosts()[0]), [node])
     records = [unpack(answers[at:][:RECORD_BYTES]) for at in range(0, len(answers), RECORD_BYTES)]
     decoded = [decode(frame) for record in records for _, frame in record.frames]
