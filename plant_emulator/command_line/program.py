@@ -96,6 +96,6 @@ def _run(options: argparse.Namespace) -> int:
 
 def _conclude(options: argparse.Namespace, node: PlantNode) -> None:
     if options.trace is not None:
-        write_trace(options.trace, node.path, node.samples, node.interventions.marks())
+        write_trace(options.trace, node.path, node.samples)
     for heading, text in plant_summary(node.report()):
         say(NAME, f"{heading} {text}")

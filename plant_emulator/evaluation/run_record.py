@@ -220,28 +220,11 @@ def place(path: Path, sample: PlantSample) -> PlacedSample:
     )
 
 
-def write_trace(
-    file: FilePath,
-    path: Path,
-    samples: Sequence[PlantSample],
-    marks: Sequence[tuple[float, str]] = (),
-) -> None:
-    """Write samples and their places as CSV, one row a sample; missing values are empty.
-
-    ``marks``  time [s] and text of what tools have changed, oldest first: one more column, at the
-               first sample after it; without marks the file has no such column
-    """
-    waiting = deque(marks)
-    heads = (*PlantSample._fields, *PlacedSample._fields)
+def write_trace(file: FilePath, path: Path, samples: Sequence[PlantSample]) -> None:
+    """Write samples and their places as CSV, one row a sample; missing values are empty."""
     with open_text(file) as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow((*heads, "interventions") if marks else heads)
+        writer.writerow((*PlantSample._fields, *PlacedSample._fields))
         for sample in samples:
             values = (*sample, *place(path, sample))
-            row = ["" if math.isnan(value) else repr(value) for value in values]
-            if marks:
-                since = []
-                while waiting and waiting[0][0] <= sample.time_s:
-                    since.append(waiting.popleft()[1])
-                row.append("; ".join(since))
-            writer.writerow(row)
+            writer.writerow(["" if math.isnan(value) else repr(value) for value in values])

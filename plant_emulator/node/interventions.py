@@ -5,7 +5,7 @@ DISTURBANCE_SET have both, and nothing proves who sent any of them. So a plant r
 unless its settings allow them, and keeps, prints and reports each one that it takes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ...dbc.messages import MESSAGE_TYPES, DisturbanceChange, LatencyChange
@@ -82,10 +82,6 @@ class Interventions:
         if self.newest is None:
             return ""
         return f"intervention {self.count} over the bus: {self.newest.text()}"
-
-    def marks(self) -> Sequence[tuple[float, str]]:
-        """Return the times of motion [s] of all that is kept, and what they are in words."""
-        return [(each.motion_ns / NS_PER_S, each.text()) for each in self.kept]
 
     def report(self) -> Mapping[str, Any]:
         """Return all that is kept, ready for JSON."""

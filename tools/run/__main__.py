@@ -172,8 +172,7 @@ def _run(options: argparse.Namespace) -> int:
     if files is not None:
         for program, report in reports.items():
             write_json(files.report(program), report)
-        marks = run.plant.interventions.marks()
-        write_trace(files.plant_trace, run.plant.path, run.plant.samples, marks)
+        write_trace(files.plant_trace, run.plant.path, run.plant.samples)
         if run.hand_wheel is not None:
             write_hand_wheel_trace(files.hand_wheel_trace, run.hand_wheel.samples)
         lines += [("files", str(files.folder)), ("again", _command(options, files))]

@@ -1,9 +1,7 @@
 """Interventions of a tool in a run are printed, reported and traced."""
 
-import csv
 import random
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
 
 import pytest
@@ -18,7 +16,6 @@ from steer_by_wire.dbc.messages import (
     PlantStatus,
 )
 from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
-from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
@@ -59,7 +56,7 @@ def words(node: PlantNode) -> str:
     return "\n".join(f"{heading} {text}" for heading, text in plant_summary(node.report()))
 
 
-def test_a_force_set_over_the_bus_is_shown_and_stands_in_report_and_trace(tmp_path: Path) -> None:
+def test_a_force_set_over_the_bus_is_shown_and_stands_in_the_report() -> None:
     node = driven(PlantSettings(), ((100, GUST),)).node
     sentence = (
         "disturbance side force 32767 N, yaw moment 0 N m, steering offset 20 mrad, friction 0.7 "
@@ -70,12 +67,6 @@ def test_a_force_set_over_the_bus_is_shown_and_stands_in_report_and_trace(tmp_pa
     (kept,) = node.report()["interventions"]["kept"]
     assert kept["at_s"] == pytest.approx(0.998)
     assert (kept["side_force_n"], kept["claimed_sender"]) == (32_767.0, "TOOL")
-    file = tmp_path / "trace.csv"
-    write_trace(file, node.path, node.samples, node.interventions.marks())
-    with file.open(encoding="utf-8") as stream:
-        marked = [row for row in csv.DictReader(stream) if row["interventions"]]
-    assert [row["interventions"] for row in marked] == [sentence]
-    assert 0.998 <= float(marked[0]["time_s"]) < 1.01
 
 
 def test_a_request_with_a_crc_acts_as_one_written_by_hand() -> None:
