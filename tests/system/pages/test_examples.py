@@ -1,20 +1,23 @@
 """Every example runs, leaves its picture, and comes to the figure it shows."""
 
+import os
 import runpy
 import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from base64 import b64decode
+from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import can
-import numpy as np
+import nbformat
 import pytest
+from nbclient import NotebookClient
 
 import steer_by_wire
 from steer_by_wire import simulate
@@ -31,6 +34,7 @@ from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
 from tests.support.frames.made_messages import error_of
 from tests.support.programs.running_program import PATIENCE_S, RunningProgram, running
+from tests.support.runs.example_checks import CHECKS
 
 pytest_plugins = ["pytester"]
 
@@ -41,92 +45,6 @@ GALLERY = runpy.run_path(str(ROOT / "docs" / "conf.py"))["sphinx_gallery_conf"]
 PNG = b"\x89PNG\r\n\x1a\n"
 LIVE = ("--set", "duration_s=3", "--set", "safety.ftti_ms=off", "--preset", "paper_nominal")
 
-
-def rms_mm(run: Any) -> float:
-    return 1e3 * float(run.settled_rms_m)
-
-
-def check_first_loop(run: Any) -> None:
-    assert 6.0 < rms_mm(run) < 9.0
-    late = run.plant.time_s > 18.0
-    assert np.max(np.abs(run.plant.cg_deviation_m[late])) < 0.01
-
-
-def check_own_network(runs: Any) -> None:
-    assert 30.0 < rms_mm(runs["practical_pd"]) < 50.0
-    assert 2.0 < rms_mm(runs["practical_pd_ddob"]) < 8.0
-    assert 0.1 < rms_mm(runs["practical_predictor"]) < 1.0
-    latency_s = runs["practical_pd"].plant.downlink_latency_s
-    assert 0.02 < np.nanmedian(latency_s[:2500]) < 0.04
-    assert 0.06 < np.nanmedian(latency_s[3000:]) < 0.09
-
-
-def check_own_car(intervals: Any) -> None:
-    low, high = intervals["understeer_gradient_rad_s2_m"]
-    assert low <= (1.491 / 145_700 - 1.45 / 239_500) * 2010.5 / 2.941 <= high
-    without_m, late_m = intervals["peaks_m"]
-    assert 0.03 < without_m < late_m < 0.2
-
-
-def check_two_studies(tables: Any) -> None:
-    worst = {
-        order: np.max(table["settled_rms_m"][table["controller"] == "practical_pd_ddob"])
-        for order, table in tables.items()
-    }
-    assert 0.002 < worst["newest_wins"] < 0.01
-    assert 0.2 < worst["in_order"] < 2.0
-
-
-def check_own_path(run: Any) -> None:
-    assert np.max(run.plant.curvature_1_m) == pytest.approx(0.05, rel=0.02)
-    assert 35.0 < rms_mm(run) < 45.0
-
-
-def check_own_vehicle(runs: Any) -> None:
-    linear, at_5_kn, at_3_kn = (run.preview_peak_m for run in runs.values())
-    assert 0.52 < linear < 0.545 < at_5_kn < 0.57
-    assert 0.7 < at_3_kn < 0.85
-
-
-def check_own_disturbance(runs: Any) -> None:
-    pd, ddob = (rms_mm(run) for run in runs.values())
-    assert 0.4 < ddob < pd < 1.5
-
-
-def check_own_law(runs: Any) -> None:
-    pd_mm, own_mm = (1e3 * run.preview_rms_m for run in runs.values())
-    assert 28.0 < pd_mm < 35.0
-    assert 9.0 < own_mm < 13.0
-
-
-def check_networked_prediction(runs: Any) -> None:
-    ours_m, published_m = (run.preview_peak_m for run in runs.values())
-    assert 0.008 < ours_m < 0.04
-    assert 0.07 < published_m < 0.15
-
-
-def check_packetised_mpc(runs: Any) -> None:
-    lq, mpc = runs.values()
-    assert lq.preview_peak_m > 1.0
-    assert 0.3 < mpc.preview_peak_m < 0.7
-    # The limit is reached, and kept where a plan follows another.
-    for run in (lq, mpc):
-        wheel_rad_s = np.max(np.abs(np.diff(run.plant.wheel_angle_rad))) / 0.01
-        assert wheel_rad_s == pytest.approx(0.03, rel=1e-3)
-
-
-CHECKS: dict[str, Callable[[Any], None]] = {
-    "first_loop": check_first_loop,
-    "own_car_from_a_log": check_own_car,
-    "own_network_from_a_log": check_own_network,
-    "two_studies_compared": check_two_studies,
-    "own_path": check_own_path,
-    "own_vehicle": check_own_vehicle,
-    "own_disturbance": check_own_disturbance,
-    "own_law": check_own_law,
-    "networked_prediction": check_networked_prediction,
-    "packetised_mpc": check_packetised_mpc,
-}
 
 OF_NODES = ("own_vehicle", "networked_prediction", "packetised_mpc")
 """Examples with a model or law that is not compiled; of the others a compiled run is, bit for bit,
@@ -140,34 +58,49 @@ def _examples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[NotebookClient]:
+    """One kernel for all notebooks, which takes a second to start; each begins without names."""
+    client = NotebookClient(nbformat.v4.new_notebook(), timeout=PATIENCE_S)
+    home = tmp_path_factory.mktemp("ipython")
+    with client.setup_kernel(env={**os.environ, "IPYTHONDIR": str(home)}):
+        yield client
+
+
+PREPARED = """
+%reset -f
+import os, sys
+os.chdir({folder!r})
+sys.path.append({root!r})
+from steer_by_wire import simulate
+simulate.__kwdefaults__["engine"] = {engine!r}
+%reset -f
+"""
+CHECKED = """
+from tests.support.runs.example_checks import CHECKS
+CHECKS[{name!r}](made)
+"""
+
+
 @pytest.mark.parametrize("name", CHECKS)
 def test_an_example_works_as_a_notebook_in_an_empty_folder(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path, client: NotebookClient
 ) -> None:
     from sphinx_gallery.py_source_parser import (
         split_code_and_text_blocks,  # with it Sphinx, which no test for vcan0 needs
     )
 
-    if name not in OF_NODES:
-        defaults = {**(simulate.__kwdefaults__ or {}), "engine": "compiled"}
-        monkeypatch.setattr(simulate, "__kwdefaults__", defaults)
-    monkeypatch.setattr(sys, "path", [path for path in sys.path if Path(path) != EXAMPLES])
-    notebook = ModuleType("__main__")
-    monkeypatch.setitem(sys.modules, "__main__", notebook)
+    engine = "virtual" if name in OF_NODES else "compiled"
+    prepared = PREPARED.format(folder=str(tmp_path), root=str(ROOT), engine=engine)
     _, blocks = split_code_and_text_blocks(str(EXAMPLES / f"{name}.py"))
-    for block in blocks:
-        if block.type == "code":
-            code = block.content.replace("\n    main()", "\n    made = main()")
-            exec(compile(code, "<cell>", "exec"), vars(notebook))  # noqa: S102
-    shown: list[Path] = []
-    display = SimpleNamespace(Image=lambda file: file, display=shown.append)
-    monkeypatch.setitem(sys.modules, "IPython.display", display)
-    monkeypatch.setitem(sys.modules, "IPython", ModuleType("IPython"))
-    exec(GALLERY["last_notebook_cell"], {})  # noqa: S102
-    assert Path("out/examples", f"{name}.png") in shown
-    made = vars(notebook)["made"]
-    assert (tmp_path / "out" / "examples" / f"{name}.png").read_bytes().startswith(PNG)
-    CHECKS[name](made)
+    codes = [block.content for block in blocks if block.type == "code"]
+    codes = [code.replace("\n    main()", "\n    made = main()") for code in codes]
+    codes = [prepared, *codes, CHECKED.format(name=name), GALLERY["last_notebook_cell"]]
+    client.nb = nbformat.v4.new_notebook(cells=list(map(nbformat.v4.new_code_cell, codes)))
+    *_, shown = client.execute(cleanup_kc=False).cells
+    pictures = [b64decode(each["data"]["image/png"]) for each in shown.outputs]
+    assert (tmp_path / "out" / "examples" / f"{name}.png").read_bytes() in pictures
+    assert all(picture.startswith(PNG) for picture in pictures)
 
 
 def test_every_example_is_tested_and_listed() -> None:
