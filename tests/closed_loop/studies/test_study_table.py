@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from steer_by_wire import LatencyModel, SettingsError, run_study, simulate, sweep
+from steer_by_wire import SettingsError, run_study, simulate, sweep
 from steer_by_wire.controller.laws.pd import LAW
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.path.settings import StraightSettings
@@ -54,7 +54,6 @@ def test_a_sweep_takes_what_simulate_takes() -> None:
             assert of_sweep[name].default == parameter.default, name
 
 
-NETWORK = LatencyModel(lambda u, mean_s, *_: mean_s * (1.0 + u))
 KINDS: dict[str, dict[str, Any]] = {
     "presets": {"plant": "paper_corner_a", "controller": "practical_pid"},
     "settings": {
@@ -69,8 +68,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "overrides": {
         "overrides": {
             "plant.path": StraightSettings(),
-            "plant.latency.downlink.model": NETWORK,
-            "plant.latency.downlink.mean_s": 0.05,
+            "controller.law": LAW,
             "plant.vehicle.initial_lateral_error_m": 0.1,
             "controller.rate_hz": 50,
         }
