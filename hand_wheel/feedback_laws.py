@@ -23,7 +23,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..dbc.messages import Message, SteeringForce, SteeringStatus
-from .wheel import Row
+from .wheel import Row, Rows
 
 
 class FeedbackParams(NamedTuple):
@@ -36,7 +36,7 @@ class FeedbackParams(NamedTuple):
 
     force_n_m_n: float
     spring_n_m_rad: float
-    a: tuple[Row, Row, Row]
+    a: Rows
     b: Row
     c: Row
     kept: float
@@ -90,17 +90,17 @@ def spring_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Steppe
 def model_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
     """Return the torque of the nominal road."""
     nominal, observed, slow, energy_j = x
-    after = FeedbackState(_advanced(p, nominal, u.angle_rad), observed, slow, energy_j)
-    return after, _dot(p.c, nominal)
+    after = FeedbackState(advanced(p, nominal, u.angle_rad), observed, slow, energy_j)
+    return after, dot(p.c, nominal)
 
 
 def cdob_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
     """Return the road's torque with the model's in place of what is late in it."""
     nominal, observed, slow, energy_j = x
     road_n_m = -p.force_n_m_n * u.rack_force_n
-    missing_n_m = _dot(p.c, nominal) - road_n_m
+    missing_n_m = dot(p.c, nominal) - road_n_m
     after = FeedbackState(
-        _advanced(p, nominal, u.angle_rad),
+        advanced(p, nominal, u.angle_rad),
         p.kept * observed + (1.0 - p.kept) * missing_n_m,
         p.kept_slow * slow + (1.0 - p.kept_slow) * observed,
         energy_j,
@@ -122,28 +122,31 @@ def resist(p: FeedbackParams, x: FeedbackState, against_n_m: float, rate_rad_s: 
     """Return the torque to the left of a law's, with damping, friction and passivity controller."""
     slip = min(max(rate_rad_s / p.friction_rad_s, -1.0), 1.0)
     torque_n_m = -against_n_m - p.damping_n_m_s * rate_rad_s - p.friction_n_m * slip
-    if not p.passive_n_m_s:
+    if p.passive_n_m_s == 0.0:
         return x, torque_n_m
     energy_j = x.energy_j - torque_n_m * rate_rad_s * p.cycle_s
     squared_s = rate_rad_s * rate_rad_s * p.cycle_s
-    if energy_j < 0.0 < squared_s:
-        damping_n_m_s = min(-energy_j / squared_s, p.passive_n_m_s)
-        torque_n_m -= damping_n_m_s * rate_rad_s
-        energy_j += damping_n_m_s * squared_s
+    if squared_s == 0.0 or energy_j >= 0.0:
+        return FeedbackState(x.nominal, x.observed_n_m, x.slow_n_m, energy_j), torque_n_m
+    damping_n_m_s = min(-energy_j / squared_s, p.passive_n_m_s)
+    torque_n_m = torque_n_m - damping_n_m_s * rate_rad_s
+    energy_j = energy_j + damping_n_m_s * squared_s
     return FeedbackState(x.nominal, x.observed_n_m, x.slow_n_m, energy_j), torque_n_m
 
 
 FEEDBACK_AT_REST = FeedbackState((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
 
 
-def _advanced(p: FeedbackParams, nominal: Row, angle_rad: float) -> Row:
+def advanced(p: FeedbackParams, nominal: Row, angle_rad: float) -> Row:
+    """Return the state of G_n a cycle later."""
     a, b = p.a, p.b
     return (
-        _dot(a[0], nominal) + b[0] * angle_rad,
-        _dot(a[1], nominal) + b[1] * angle_rad,
-        _dot(a[2], nominal) + b[2] * angle_rad,
+        dot(a[0], nominal) + b[0] * angle_rad,
+        dot(a[1], nominal) + b[1] * angle_rad,
+        dot(a[2], nominal) + b[2] * angle_rad,
     )
 
 
-def _dot(left: Row, right: Row) -> float:
+def dot(left: Row, right: Row) -> float:
+    """Return the sum of the products."""
     return left[0] * right[0] + left[1] * right[1] + left[2] * right[2]

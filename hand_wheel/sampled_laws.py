@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from .wheel import LinearSystem, Matrix, Row
+from .wheel import LinearSystem, Matrix, Row, Rows
 
 
 class SampledLaw(NamedTuple):
@@ -104,7 +104,7 @@ def _low_pass(cutoff_rad_s: float, cycle_s: float) -> tuple[float, float]:
     return kept, (1.0 - kept) / cycle_s
 
 
-def sampled_model(road: LinearSystem, cycle_s: float) -> tuple[tuple[Row, Row, Row], Row, Row]:
+def sampled_model(road: LinearSystem, cycle_s: float) -> tuple[Rows, Row, Row]:
     """Return G_n, with a servo of first order, and its input held for a cycle, as tuples."""
     a, b, c = (part.tolist() for part in zero_order_hold(road, cycle_s))
     return (tuple(a[0]), tuple(a[1]), tuple(a[2])), tuple(b), tuple(c)

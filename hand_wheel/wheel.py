@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 Matrix = NDArray[np.float64]
 Row = tuple[float, float, float]
+Rows = tuple[Row, Row, Row]
 
 
 class LinearSystem(NamedTuple):

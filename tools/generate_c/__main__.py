@@ -1,20 +1,25 @@
-"""Write a controller as C99: a law from the functions that run in Python, and the node around it.
+"""Write a controller as C99: a law from the functions that run in Python, and the node around it;
+with --feedback, the feedback law of a hand wheel.
 
 steer-by-wire generate-c --preset practical_pd_ddob --out law
 """
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings
+from steer_by_wire.hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
+from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main, say
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.node_options import add_settings_arguments, load_program_settings
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 
+from .feedback_source import feedback_source
 from .law_source import law_source, title_of
 from .node_source import node_source
 
@@ -28,29 +33,45 @@ def main(arguments: Sequence[str] | None = None) -> int:
     example = f"{NAME} --preset {DEFAULT_PRESET} --out law"
     parser = command_parser(NAME, __doc__, example, "[SETTINGS.toml] [options]")
     add_settings_arguments(parser, PRESETS, ControllerSettings)
+    parser.add_argument(
+        "--feedback", action="store_true",
+        help="SETTINGS.toml, --preset and --set are of a hand wheel: write its feedback law",
+    )  # fmt: skip
     add_out_argument(parser, "law", "folder for the files")
     return run_main(NAME, partial(_write, parser.parse_args(arguments)))
 
 
 def _write(options: argparse.Namespace) -> int:
+    if options.feedback:
+        wheel = load_program_settings(HandWheelSettings, HAND_WHEEL_PRESETS, options)
+        files = feedback_source(wheel, _origin(options) or "the defaults")
+        _write_files(options.out, files, tuple(files))
+        return ExitStatus.OK
     if options.preset is None and options.settings is None:
         options.preset = DEFAULT_PRESET
     settings = load_program_settings(ControllerSettings, PRESETS, options)
-    preset = [f"preset {options.preset}"] if options.preset else []
-    origin = [*preset, *([options.settings.name] if options.settings else [])]
-    title = title_of(settings, " and ".join(origin))
+    title = title_of(settings, _origin(options))
     files = law_source(settings, title) | node_source(settings, title)
-    refuse_another_run(options.out, files)
-    options.out.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        write_text(options.out / name, text)
+    _write_files(options.out, files, GENERATED)
     if settings.supervision.stops_if_implausible:
         watch = "the stop where the plant's signals contradict each other"
         say(NAME, f"warning: not in C: {watch} (supervision.stops_if_implausible)", sys.stderr)
-    for name in GENERATED:
-        print(options.out / name)
     print(f"and {len(files) - len(GENERATED)} files around these: make -C {options.out}")
     return ExitStatus.OK
+
+
+def _origin(options: argparse.Namespace) -> str:
+    preset = [f"preset {options.preset}"] if options.preset else []
+    return " and ".join([*preset, *([options.settings.name] if options.settings else [])])
+
+
+def _write_files(folder: Path, files: Mapping[str, str], generated: Sequence[str]) -> None:
+    refuse_another_run(folder, files)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        write_text(folder / name, text)
+    for name in generated:
+        print(folder / name)
 
 
 if __name__ == "__main__":

@@ -150,7 +150,7 @@ def law_source(settings: ControllerSettings, title: str) -> dict[str, str]:
         title=title,
         limits=declared(of_limits),
         period_ns=settings.period_ns,
-        structs=_structs(it for it in records.made if it in shown),
+        structs=structs(it for it in records.made if it in shown),
         state=declared(of_state),
         set_point_state=around.pop("set_point_state"),
         prototypes="\n".join(f"{functions[it].prototype()};" for it in _PUBLIC),
@@ -158,8 +158,8 @@ def law_source(settings: ControllerSettings, title: str) -> dict[str, str]:
     source = _SOURCE.format(
         title=title,
         limits=declared(of_limits),
-        settings=_within_comment(dump_toml(settings, _NOT_IN_C)),
-        structs=_structs(it for it in records.made if it not in shown),
+        settings=within_comment(dump_toml(settings, _NOT_IN_C)),
+        structs=structs(it for it in records.made if it not in shown),
         params=declared(of_params),
         values=initializer(of_params, params),
         limit_values=initializer(of_limits, settings.steer_limits),
@@ -219,9 +219,11 @@ def _with_set_point(p: SetPointParams, records: Records) -> dict[str, str]:
     return dict(zip(_AROUND, texts, strict=True))
 
 
-def _structs(records: Iterable[Record]) -> str:
+def structs(records: Iterable[Record]) -> str:
+    """Return the definitions of structs."""
     return "\n".join(map(struct, records))
 
 
-def _within_comment(text: str) -> str:
+def within_comment(text: str) -> str:
+    """Return lines as those of a comment."""
     return "\n".join(f" * {line}".rstrip() for line in text.splitlines())
