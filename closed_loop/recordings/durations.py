@@ -49,7 +49,7 @@ class Durations:
         self._sums = [0.0] * 5
         """Of the first four powers of the durations less the first, and of neighbours' products."""
         self._parts: list[float] = []
-        self._part_size, self._part_left = 1, 1
+        self._part_size = 1
 
     def record(self, duration_ns: int) -> None:
         """Add one duration [ns]."""
@@ -71,17 +71,13 @@ class Durations:
         self._add_to_part(x)
 
     def _add_to_part(self, x: float) -> None:
-        if self._part_left == self._part_size:
+        if (self.count - 1) % self._part_size == 0:
             if len(self._parts) == _PARTS:
                 pairs = zip(self._parts[::2], self._parts[1::2], strict=True)
                 self._parts = [one + other for one, other in pairs]
                 self._part_size *= 2
-                self._part_left = self._part_size
             self._parts.append(0.0)
         self._parts[-1] += x
-        self._part_left -= 1
-        if not self._part_left:
-            self._part_left = self._part_size
 
     def quantiles_s(self, fractions: FloatArray) -> FloatArray:
         """Return the quantiles at ``fractions`` (0 to 1), shape (n,), in seconds."""
@@ -120,7 +116,7 @@ class Durations:
             return n
         kept = (self._sums[4] / n - mean * mean) / variance
         by_neighbours = (1.0 + kept) / (1.0 - kept) if kept < 1.0 else math.inf
-        whole = self._parts if self._part_left == self._part_size else self._parts[:-1]
+        whole = self._parts[: n // self._part_size]
         by_parts = 1.0
         if len(whole) >= _PARTS // 2:
             of_means = float(np.var(np.array(whole) / self._part_size, ddof=1))

@@ -29,7 +29,6 @@ from ...plant_emulator.evaluation.report_in_json import motion_report
 from ...plant_emulator.evaluation.run_record import RunningFigures
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.node import NS_PER_S
-from ...runtime.settings import SettingsError
 
 SAMPLES_MAX = 31_000
 """Of the newest: two windows of 15 s at 1 kHz, and half a second on either side of them."""
@@ -41,26 +40,19 @@ _LIMITS = {
     messages.SteeringStatusCode.LIMITED_BY_SAFETY: "safety limit or fade",
     messages.SteeringStatusCode.LIMITED: "actuator",
 }
+_RULES = VerdictRules()
 
 
 class HeldPath:
-    """Takes the messages of a log in their order; ``rules`` are those of the verdict.
-
-    Raises SettingsError where they judge a point that no log has.
+    """Takes the messages of a log in their order.
 
     ``has_started``  whether a command came
     """
 
-    def __init__(self, rules: VerdictRules) -> None:
-        if rules.judged_point == "rear_axle":
-            raise SettingsError(
-                "judged_point = rear_axle: a log has the error of preview point and centre of "
-                "gravity alone (allowed: preview, centre_of_gravity)"
-            )
-        self._rules = rules
-        self._figures = RunningFigures(HeldRules(rules.settling_band_m), SAMPLES_MAX)
+    def __init__(self) -> None:
+        self._figures = RunningFigures(HeldRules(_RULES.settling_band_m), SAMPLES_MAX)
         """Of the preview point; ``_of_car`` has the same where the log tells where the car is."""
-        self._of_car = RunningFigures(HeldRules(rules.settling_band_m), SAMPLES_MAX)
+        self._of_car = RunningFigures(HeldRules(_RULES.settling_band_m), SAMPLES_MAX)
         self._recent: deque[tuple[float, float, float]] = deque()
         """Time, error and deviation of the car, of SMOOTHED_S; without times the newest only."""
         self.has_started = False
@@ -92,7 +84,7 @@ class HeldPath:
             error_m = message.lateral_error_m
             if not self.samples:
                 self._first_s = at_s
-            is_settled = at_s - self._first_s >= self._rules.settled_s
+            is_settled = at_s - self._first_s >= _RULES.settled_s
             smoothed = self._smoothed(at_s, error_m, cg_deviation_m)
             for figures, judged_m in zip((self._figures, self._of_car), smoothed, strict=True):
                 if is_settled and figures.rules.settled_after == math.inf:
@@ -114,11 +106,9 @@ class HeldPath:
         ``period_s``    between two measurements
         ``left_range``  whether an error was beyond the range of its signal
         """
-        figures, rules = self._figures, self._rules
+        figures, rules = self._of_car, _RULES
         if self._of_car.held.samples < KNOWN_SHARE * self.samples:
-            rules = rules.model_copy(update={"judged_point": "preview"})
-        elif rules.judged_point == "centre_of_gravity":
-            figures = self._of_car
+            figures, rules = self._figures, VerdictRules(judged_point="preview")
         if left_range and figures.held.samples:
             figures.held = figures.held._replace(preview_peak_m=math.inf)
         motion_ns = round(figures.held.samples * period_s * NS_PER_S)

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, Protocol
 from ...dbc import messages
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...dbc.messages import SteeringStatusCode as Code
-from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...runtime.exit_status import printable
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
@@ -98,7 +97,6 @@ class LoggedMessages(NamedTuple):
 class LogAnalysis:
     """Analyses one log.
 
-    ``rules``      of the verdict
     ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
     ``listening``  understands the bus
 
@@ -108,11 +106,10 @@ class LogAnalysis:
 
     def __init__(
         self,
-        rules: VerdictRules | None = None,
         preview_m: float = PREVIEW_M,
         listening: Listening = OUR_MESSAGES,
     ) -> None:
-        self._held_path = HeldPath(rules or VerdictRules())
+        self._held_path = HeldPath()
         self.listener = BusListener(listening)
         self.listed = self.listener.listening.listed
         self._is_ours, self._applies_unseen = self.listener.listening is OUR_MESSAGES, False
@@ -333,7 +330,6 @@ def analyse_files(
     channel: str | None = None,
     exports: Sequence[Export] = (),
     advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
-    rules: VerdictRules | None = None,
     preview_m: float = PREVIEW_M,
     listening: Listening = OUR_MESSAGES,
 ) -> AnalysedLog:
@@ -342,13 +338,12 @@ def analyse_files(
     ``channel``  the only one to analyse, where the log has several
     ``exports``  receive every message; the caller closes them
     ``advance``  called now and then with a file and how much of it was read (None: unknown)
-    ``rules``    of the verdict
     ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
     ``listening``  understands the bus
 
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """
-    analysis = LogAnalysis(rules, preview_m, listening)
+    analysis = LogAnalysis(preview_m, listening)
     unreadable, first_unreadable, cut_off = 0, "", ""
     channels: dict[str, None] = {}
     for path in paths:

@@ -26,7 +26,6 @@ from steer_by_wire.closed_loop.recordings.log_state import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
-from steer_by_wire.plant_emulator.evaluation.run_verdict import VerdictRules
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
     add_out_argument,
@@ -79,10 +78,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="also write smoothed.csv: vehicle state and disturbance, with standard deviations,"
         " of the [vehicle] in a file",
     )  # fmt: skip
-    parser.add_argument(
-        "--verdict-set", action="append", default=[], metavar="KEY=VALUE",
-        help=f"set a threshold of the verdict: {', '.join(VerdictRules.model_fields)}",
-    )  # fmt: skip
     add_dialect_argument(parser, "read the messages of a car")
     add_json_argument(parser)
     add_fail_if_argument(parser, QUANTITIES)
@@ -94,13 +89,12 @@ def _log(text: str) -> Path:
 
 
 def _run(options: argparse.Namespace) -> int:
-    rules = load_settings(VerdictRules, overrides=options.verdict_set)
     logs = [options.files] if options.join else [[path] for path in options.files]
     results, mistakes = [], []
     with _progress() as advance:
         for paths, folder in zip(logs, _folders(logs, options.out), strict=True):
             try:
-                results.append(_analyse(paths, folder, options, rules, advance))
+                results.append(_analyse(paths, folder, options, advance))
             except LogError as error:
                 mistakes.append(str(error))
     status = ExitStatus.OK
@@ -147,7 +141,6 @@ def _analyse(
     paths: Sequence[Path],
     folder: Path,
     options: argparse.Namespace,
-    rules: VerdictRules,
     advance: Callable[[str, float | None], None],
 ) -> Result:
     """Analyse one log and write its files; without a log nothing is left or changed."""
@@ -163,7 +156,7 @@ def _analyse(
             for export in exports:
                 stack.callback(export.close)
             figures, analysis = analyse_files(
-                paths, options.channel, exports, advance, rules, options.preview_m, listening
+                paths, options.channel, exports, advance, options.preview_m, listening
             )
         foreign = (int(can_id, 16) for can_id in figures["foreign_ids"])
         for hint in language.car.of_other_addresses(foreign) if language.car else ():
