@@ -124,8 +124,9 @@ class LogAnalysis:
         self._axis = TimeAxis()
         self._frames = 0
         self._newest_ns: dict[str, int] = {}
-        self._modes_ns = Counter[messages.Mode]()
-        self._mode: tuple[messages.Mode, int] | None = None
+        self._modes_ns = Counter[messages.Mode | None]()
+        self._mode: messages.Mode | None = None  # not known yet
+        self._mode_ns = 0
         self._laws: dict[str, None] = {}
         self._counts: dict[str, int] = {}
         self._advanced = dict.fromkeys(COUNTED, 0)
@@ -170,7 +171,7 @@ class LogAnalysis:
         is_coarse = axis.at_rest > AT_REST_SHARE_MAX * max(self._frames, 20)
         if is_coarse:
             self.latencies, self.cycles = Latencies(), defaultdict[str, Durations](Durations)
-        self._leave_mode(axis.duration_ns or 0)
+        self._modes_ns[self._mode] += (axis.duration_ns or 0) - self._mode_ns
         obstacle = self._obstacle(not_read)
         held_path = self._held_path_figures()
         return {
@@ -251,14 +252,11 @@ class LogAnalysis:
                 self._counts[name] = count
         if isinstance(message, messages.ControllerStatus):
             self._laws[messages.LawNumber(message.law).name] = None
-        if (
-            isinstance(message, messages.ControllerStatus | messages.SteeringCommand)
-            and since_ns is not None
+        if since_ns is not None and isinstance(
+            message, messages.ControllerStatus | messages.SteeringCommand
         ):
-            if self._mode is not None and self._mode[0] is not message.mode:
-                self._leave_mode(since_ns)
-            if self._mode is None:
-                self._mode = (message.mode, since_ns)
+            self._modes_ns[self._mode] += since_ns - self._mode_ns
+            self._mode, self._mode_ns = message.mode, since_ns
 
     def _held_path_figures(self) -> Mapping[str, Any]:
         cycle = self.cycles["LATERAL_ERROR"].report()
@@ -267,12 +265,6 @@ class LogAnalysis:
             cycle["mean_s"] or messages.CYCLE_TIMES_MS[messages.LateralError] * 1e-3,
             left_range=messages.Rejection.NOT_AVAILABLE.value in refused,
         )
-
-    def _leave_mode(self, since_ns: int) -> None:
-        if self._mode is not None:
-            mode, entered_ns = self._mode
-            self._modes_ns[mode] += since_ns - entered_ns
-            self._mode = None
 
     def _message_figures(self, name: str) -> dict[str, Any]:
         counts = self.listener.counts(name)

@@ -15,18 +15,13 @@ LATENCY_ROWS = {
     "round_trip": "round trip: command on the bus to its first echo on the bus",
 }
 _ABOUT_TIMES = """\
-Times are those of the recorder. On a bus both nodes and the recorder see a frame at
-the same moment, its end; a recorder in one of the programs sees what that program sent and took, so
-its own waiting is included. The round trip is measured by one clock. Its two parts are not: the
-samples are numbered and taken at a fixed period, so their times give the uplink's jitter, but its
-smallest value is on the plant's clock only. {constant} The second row of the commands therefore
-adds the wait for the next sample, 0 to one sensor period, and sees only commands that acted: one
-that the emulated downlink lost, and one that a newer one overtook, look the same in a log. A
-counter that is missing was lost before it came to the bus (the emulated uplink loses measurements,
-and drops one that a newer one overtook; a full transmit queue may lose
-any frame) or missed by the recorder. Quantiles are within 0.4 %. The second line of each row is
-what a log of this length says of the network that it came through: the range holds the network's
-own value in 95 of 100 logs, and a dash is an end that so few durations do not show."""
+Times are those of the recorder; in one of the programs its own waiting is included. The round trip
+is measured by one clock. The samples are numbered and evenly spaced, so their times give the
+uplink's jitter, but its smallest value is on the plant's clock only. {constant} The second row of
+the commands adds the wait for the next sample, 0 to one sensor period, and sees only commands that
+acted. Quantiles are within 0.4 %. The second line of each row is what a log of this length says of
+the network that it came through: the range holds the network's own value in 95 of 100 logs, and a
+dash is an end that so few durations do not show."""
 _SPREAD = ("min_s", "p50_s", "mean_s", "p99_s", "max_s", "jitter_s")
 _CONSTANT = {
     True: "It is taken from the latency that the plant reports (resolution 0.5 ms), by setting the "

@@ -128,16 +128,16 @@ class SmoothedTable:
 
     Once it is closed:
 
-    ``time_s``      of each sample since the first frame, shape (n,)
-    ``values``      of VEHICLE_STATES, shape (n, states), and their standard ``deviations``
-    ``figures``     of each column and of ``steering_lag_s`` the mean, and that of its standard
-                    deviation
+    ``time_s``    of each sample since the first frame, shape (n,)
+    ``smoothed``  the states at these times
+    ``figures``   of each column and of ``steering_lag_s`` the mean, and that of its standard
+                  deviation
     """
 
     def __init__(self, path: Path, vehicle: VehicleModelSettings) -> None:
         self._path, self._vehicle, self._samples = path, vehicle, BusSamples()
         self.figures: dict[str, Any] = {}
-        self.time_s, self.values, self.deviations = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
+        self.time_s, self.smoothed = np.empty(0), Smoothed(np.empty((0, 0)), np.empty((0, 0)))
 
     def write(self, taken: LoggedMessages) -> None:
         """Take the messages in a frame."""
@@ -166,13 +166,13 @@ class SmoothedTable:
         command_rad[places[is_within]] = statuses[is_within, 3]
         # A lost wheel angle lies between its neighbours.
         wheel_rad = np.interp(range(count), places, statuses[:, 2])
-        values, deviations = smooth_vehicle(self._vehicle, speed_m_s, period_s, measured, wheel_rad)
+        found = smooth_vehicle(self._vehicle, speed_m_s, period_s, measured, wheel_rad)
         names = [name for state in VEHICLE_STATES for name in (state, f"{state}_std")]
-        rows = np.column_stack((time_s, np.stack((values, deviations), axis=2).reshape(count, -1)))
+        rows = np.column_stack((time_s, np.stack(found, axis=2).reshape(count, -1)))
         header = ",".join(("time_s", *names))
         np.savetxt(self._path, rows, "%.9g", ",", header=header, comments="")
-        self.time_s, self.values, self.deviations = time_s, values, deviations
-        means = zip(VEHICLE_STATES, values.mean(axis=0), deviations.mean(axis=0), strict=True)
+        self.time_s, self.smoothed = time_s, found
+        means = zip(VEHICLE_STATES, *(part.mean(axis=0) for part in found), strict=True)
         self.figures = {
             name: {"mean": float(mean), "mean_std": float(std)} for name, mean, std in means
         }
@@ -189,7 +189,7 @@ def draw_smoothed(table: SmoothedTable) -> Picture:
     with plot_style():
         figure = Figure(figsize=(WIDTH_IN, 10.8))
         every = figure.subplots(len(STATES), 1, sharex=True)
-        columns = zip(STATES.values(), table.values.T, table.deviations.T, strict=True)
+        columns = zip(STATES.values(), *(part.T for part in table.smoothed), strict=True)
         for axes, ((_, label, scale), value, deviation) in zip(every, columns, strict=True):
             middle, half = scale * value, 2.0 * scale * deviation
             axes.plot(table.time_s, middle, color=BLUE, lw=1.0)
