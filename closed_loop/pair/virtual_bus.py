@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from ...runtime.bus_model.bus_errors import BusErrors
 from ...runtime.bus_model.bus_model import BusModel, Delivery
 from ...runtime.bus_model.quiet_bus import QuietBus
-from ...runtime.bus_model.rest_bus import OnWire, PeriodicMessage, RestBus
+from ...runtime.bus_model.rest_bus import PeriodicMessage, RestBus
 from ...runtime.bus_model.settings import BusSettings, errors_of
-from ...runtime.bus_model.socketcan_error_frames import BIT_ERROR
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.frame import Frame
 from ...runtime.node import Node
@@ -52,7 +51,8 @@ class SharedBus:
     ``next_event_ns``  when the next frame may be complete [ns]
     ``refused``        frames of the nodes that found their transmit buffer full and are lost
 
-    The nodes do not get the others' frames: their receive filters keep them away.
+    Its frames and error frames come from negative senders: receive filters of the nodes keep them
+    away.
     """
 
     def __init__(
@@ -72,20 +72,13 @@ class SharedBus:
         """Return a node that gets no frames in bus-off."""
         return node if self.errors is None else Controlled(node, index, self.model)
 
-    def watch(self, on_wire: OnWire) -> None:
-        """Report every frame that the nodes do not get, error frames included."""
-        if self.traffic is not None:
-            self.traffic.on_wire = on_wire
-        if self.errors is not None:
-            self.errors.on_error = lambda time_ns, sender: on_wire(time_ns, sender, BIT_ERROR)
-
     @property
     def busy_share(self) -> float:
         """Share of the time so far that the bus was busy, 0 to 1."""
         return self.model.load.busy_ns / max(self.model.load_until_ns, 1)
 
     def advance(self, now_ns: int) -> Sequence[Delivery]:
-        """Return the frames of the nodes completed up to ``now_ns``, in order of completion."""
+        """Return the frames completed up to ``now_ns``, in order of completion."""
         completed = self.model.advance(now_ns)
         self.next_event_ns = self.model.next_event_ns
         return completed

@@ -112,8 +112,6 @@ def run_virtual_nodes(
             nodes = tuple(bus.behind_controller(node, index) for index, node in enumerate(nodes))
         if candump_log is not None:
             on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
-        if on_wire is not None and isinstance(bus, SharedBus):
-            bus.watch(on_wire)
         executor = VirtualTimeExecutor(nodes, bus, on_wire)
         until_ns = SLICE_NS
         while not (executor.finished or should_stop()):

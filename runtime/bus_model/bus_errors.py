@@ -56,18 +56,12 @@ class BusErrors:
     """What a BusModel asks about errors; one for each bus.
 
     ``next_hit_ns``  when the next bit is wrong from an instant on, as ``BusNoise.first_hit_ns``
-    ``on_error``  called for every destroyed transmission: its end [ns], its sender
 
     ``count``     destroyed transmissions; ``bus_offs`` those that led to bus-off
     """
 
-    def __init__(
-        self,
-        next_hit_ns: Callable[[int], int],
-        on_error: Callable[[int, int], None] | None = None,
-    ) -> None:
+    def __init__(self, next_hit_ns: Callable[[int], int]) -> None:
         self.next_hit_ns = next_hit_ns
-        self.on_error = on_error
         self._counters: dict[int, ErrorCounters] = {}
         self._raised: set[int] = set()
         """Nodes whose counters are not 0."""
@@ -98,7 +92,7 @@ class BusErrors:
                 self._raised.discard(node)
 
     def on_destroyed(self, sender: int, end_ticks: int, ticks: BitTicks) -> bool:
-        """Count a destroyed transmission and report it; returns whether its sender is off now."""
+        """Count a destroyed transmission; returns whether its sender is off now."""
         for node in tuple(self._off_until_ticks):
             self.is_off(node, end_ticks)
         for node, counters in self._counters.items():
@@ -109,8 +103,6 @@ class BusErrors:
         if is_off:
             self.bus_offs += 1
             self._off_until_ticks[sender] = end_ticks + _BUS_OFF_BITS * ticks.nominal
-        if self.on_error is not None:
-            self.on_error(ticks.whole_ns(end_ticks), sender)
         return is_off
 
 

@@ -8,9 +8,9 @@ Rules:
 2. A frame on the wire is never interrupted.
 3. A frame is complete at its end of frame, and the next one may start three bits (intermission)
    later. Someone always acknowledges; clock tolerance is not modelled.
-4. With ``errors``, a frame that noise destroys ends with its error frame (``bus_errors``) and
-   competes again, first in its transmit buffer. Bus-off takes the sender's frames off the bus until
-   it has recovered.
+4. With ``errors``, a frame that noise destroys ends with BIT_ERROR (``bus_errors``) and
+   competes again, first in its transmit buffer. Bus-off takes the frames of its sender off the
+   bus until it has recovered.
 
 Two nodes sending equal arbitration fields at once is an error on a real bus; here they queue.
 
@@ -29,14 +29,18 @@ from ..node import NEVER_NS
 from .bit_ticks import bit_ticks
 from .bus_errors import BusErrors, error_end_ticks
 from .rest_bus import RestBus
+from .socketcan_error_frames import BIT_ERROR
 from .transmit_queue import BusOverflowError, TransmitQueue, Waiting
+
+NO_NODE = -1
+"""Sender of an error frame, which every controller sends."""
 
 
 class Delivery(NamedTuple):
     """A frame that is complete on the wire.
 
     ``end_ns``  time of its end of frame [ns]
-    ``sender``  who submitted it
+    ``sender``  who submitted it; negative for the traffic, and for an error frame
     """
 
     end_ns: int
@@ -64,11 +68,11 @@ class BusModel:
     ``data_bitrate_bit_s``  that of FD frames' data phase with BITRATE_SWITCH; the same unless given
     ``queue_limit``         size of each transmit buffer [frames]
     ``errors``              noise and error counters; without them every frame is sent whole
-    ``traffic``             what else is sent, by nodes of negative numbers, which is not returned
+    ``traffic``             what else is sent, by nodes of negative numbers
 
-    ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
-                       Until the bus is free this may change with every submission. With
-                       ``traffic`` it is a lower bound
+    ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with no submitted frame
+                       on the bus: no one waits for the traffic. Until the bus is free this may
+                       change with every submission. With ``traffic`` it is a lower bound
 
     Raises ValueError for a rate or a limit that is not positive.
     """
@@ -98,6 +102,8 @@ class BusModel:
         self._end_ticks = self._next_start_ticks = 0
         self._settled_ticks, self._completed = -1, list[Delivery]()
         self._frames = self._busy_ticks = self.lost_in_bus_off = 0
+        self._awaited = 0
+        """Frames that were submitted and are not complete."""
         self._look_ahead()
 
     @property
@@ -126,6 +132,7 @@ class BusModel:
         duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
         queue, arbitration = self._queue, arbitration_field(frame)
         entry = queue.push(arbitration, duration_ticks, sender, frame)
+        self._awaited += 1
         if self._on_wire is None and self._next_start_ticks < now_ticks:
             self._next_start_ticks = now_ticks
         is_next = self._on_wire is None and queue.competing[0] is entry
@@ -158,21 +165,12 @@ class BusModel:
         if self._traffic is not None:
             if self._on_wire is None:
                 self._decided_until_ticks = self._settled_ticks
-            if not self._is_awaited():
+            if not self._awaited:
                 end_ticks = NEVER_NS * self._ticks_per_ns
         if self._completed:
             self.next_event_ns = self._completed[0].end_ns
         else:
             self.next_event_ns = -(-end_ticks // self._ticks_per_ns)
-
-    def _is_awaited(self) -> bool:
-        """Whether a frame waits that a node has submitted."""
-        if self._on_wire is not None and self._on_wire.sender >= 0:
-            return True
-        for waiting in self._queue.competing:  # noqa: SIM110 - asked twice a frame; any() is slower
-            if waiting.sender >= 0:
-                return True
-        return False
 
     def _settle(self, now_ticks: int) -> None:
         """Let the traffic release its frames before now, and the bus carry what competes."""
@@ -201,7 +199,7 @@ class BusModel:
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
         competing, on_wire, end_ticks = self._queue.competing, self._on_wire, self._end_ticks
-        errors, traffic = self._errors, self._traffic
+        errors = self._errors
         while True:
             if on_wire is None:
                 if not competing or self._next_start_ticks >= now_ticks:
@@ -215,11 +213,7 @@ class BusModel:
                     self._is_destroyed = hit_ticks < end_ticks
                     if self._is_destroyed:
                         end_ticks = error_end_ticks(start_ticks, hit_ticks, self._ticks)
-                # No one waits for the end of the traffic's frames.
-                is_passing = traffic is not None and on_wire.sender < 0 and not self._is_destroyed
-            else:
-                is_passing = False
-            if end_ticks > now_ticks and not is_passing:
+            if end_ticks > now_ticks:
                 break
             if errors is not None and self._is_destroyed:
                 self._end_attempt(on_wire, end_ticks, errors)
@@ -231,21 +225,22 @@ class BusModel:
         self._on_wire, self._end_ticks, self._settled_ticks = on_wire, end_ticks, now_ticks
 
     def _complete(self, sent: Waiting, end_ticks: int) -> None:
-        end_ns, traffic = -(-end_ticks // self._ticks_per_ns), self._traffic
-        if traffic is None or sent.sender >= 0:
-            self._completed.append(Delivery(end_ns, sent.sender, sent.frame))
-        elif traffic.on_wire is not None:
-            traffic.on_wire(end_ns, sent.sender, sent.frame)
+        end_ns = -(-end_ticks // self._ticks_per_ns)
+        self._completed.append(Delivery(end_ns, sent.sender, sent.frame))
+        self._awaited -= sent.sender >= 0
         self._frames += 1
         self._occupy_until(end_ticks)
 
     def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> None:
         """Count a destroyed transmission, and let the frame compete again or be lost."""
         self._is_destroyed = False
+        self._completed.append(Delivery(self._ticks.whole_ns(end_ticks), NO_NODE, BIT_ERROR))
         self._occupy_until(end_ticks)
         self._queue.put_back(sent)
         if errors.on_destroyed(sent.sender, end_ticks, self._ticks):
-            self.lost_in_bus_off += len(self._queue.withdraw(sent.sender))
+            lost = self._queue.withdraw(sent.sender)
+            self.lost_in_bus_off += lost
+            self._awaited -= lost if sent.sender >= 0 else 0
 
     def _occupy_until(self, end_ticks: int) -> None:
         """Count the time of what has been on the wire, and its intermission."""

@@ -3,7 +3,7 @@
 Each message has a transmit buffer of one frame: a release that finds it full is refused.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from heapq import heapify, heapreplace
 from random import Random
 from typing import NamedTuple
@@ -14,9 +14,6 @@ from .bit_ticks import BitTicks
 
 COUNTS = 16
 """Frames of a message before its payloads repeat: a counter of four bits."""
-
-OnWire = Callable[[int, int, Frame], None]
-"""Called as ``on_wire(end_ns, sender, frame)``."""
 
 
 class PeriodicMessage(NamedTuple):
@@ -47,7 +44,6 @@ class RestBus:
     ``seed``  of the phases
 
     ``next_due_ns``  when the next message is released [ns]
-    ``on_wire``      called for every complete frame
     """
 
     def __init__(self, messages: Sequence[PeriodicMessage], seed: int) -> None:
@@ -60,7 +56,6 @@ class RestBus:
         self.next_due_ns = self._due[0][0]
         self._counts = [0] * len(ranked)
         self.senders = frozenset(one.sender for one in ranked)
-        self.on_wire: OnWire | None = None
 
     def join(self, ticks: BitTicks) -> None:
         """Take part in a bus; called by its model."""

@@ -69,11 +69,11 @@ class TransmitQueue:
         self._waiting_of[sent.buffer] = self._waiting_of.get(sent.buffer, 0) + 1
         heappush(self.competing, sent)
 
-    def withdraw(self, sender: int) -> list[Frame]:
-        """Take back every frame of ``sender``; returns them."""
-        withdrawn = [waiting.frame for waiting in self.competing if waiting.sender == sender]
+    def withdraw(self, sender: int) -> int:
+        """Take back every frame of ``sender``; returns how many."""
+        before = len(self.competing)
         self.competing[:] = [one for one in self.competing if one.sender != sender]
         heapify(self.competing)
         for buffer in [buffer for buffer in self._waiting_of if buffer[0] == sender]:
             del self._waiting_of[buffer]
-        return withdrawn
+        return before - len(self.competing)

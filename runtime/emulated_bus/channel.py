@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from ..bus_model.bus_model import BusLoad, BusModel, Delivery
 from ..bus_model.rest_bus import PeriodicMessage, RestBus
-from ..frame import Frame
 from ..node import NEVER_NS, NS_PER_MS
 from .broker_connection import FRAMES_WAITING_MAX, Connection
 from .protocol import ProtocolError, pack_frame
@@ -45,12 +44,9 @@ class Channel:
     ) -> None:
         self.members: dict[int, Connection] = {}
         rest = RestBus(*traffic) if traffic.messages else None
-        if rest is not None:
-            rest.on_wire = self._on_wire
         self._model = BusModel(bitrate_bit_s, data_bitrate_bit_s, traffic=rest)
         self._is_paced = rest is not None
         self._start_ns, self._pace_ns = (start_ns, start_ns) if self._is_paced else (0, NEVER_NS)
-        self._of_traffic: list[Delivery] = []
 
     @property
     def next_event_ns(self) -> int:
@@ -93,15 +89,7 @@ class Channel:
         if not self._is_paced:
             return completed
         self._pace_ns = now_ns + PACE_NS
-        # The model hands a frame of the traffic over when it starts, as nothing can happen to it.
-        of_traffic = [one for one in self._of_traffic if one.end_ns <= bus_ns]
-        del self._of_traffic[: len(of_traffic)]
-        return [
-            Delivery(end_ns + self._start_ns, sender, frame)
-            for end_ns, sender, frame in sorted(
-                [*completed, *of_traffic], key=lambda delivery: delivery.end_ns
-            )
-        ]
+        return [one._replace(end_ns=one.end_ns + self._start_ns) for one in completed]
 
     def queue(self, delivery: Delivery, time_ns: int) -> None:
         """Queue a frame, complete at wall-clock time ``time_ns``, for all that want it."""
@@ -113,6 +101,3 @@ class Channel:
     def leave(self, client: Connection) -> None:
         """Remove a client; its frames are still sent."""
         self.members.pop(client.number, None)
-
-    def _on_wire(self, end_ns: int, sender: int, frame: Frame) -> None:
-        self._of_traffic.append(Delivery(end_ns, sender, frame))

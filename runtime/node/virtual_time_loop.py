@@ -2,8 +2,8 @@
 
 Order at one instant:
 
-1. Every frame that is complete on the wire is delivered, in order of completion, to every node
-   but its sender, in the sequence of the nodes. Their answers go to the wire at once.
+1. Every frame of a node that is complete on the wire is delivered, in order of completion, to every
+   node but its sender, in the sequence of the nodes. Their answers go to the wire at once.
 2. When nothing is left to deliver, the first node in the sequence whose deadline is due ticks,
    and step 1 follows.
 3. When no node is due either, time jumps to the next deadline or the next completion of a frame.
@@ -14,7 +14,6 @@ measurements arrive, the controller decides, and the command arrives: all at one
 textbook sampled-data loop.
 """
 
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -90,10 +89,9 @@ class VirtualTimeExecutor:
     ) -> None:
         self._nodes = tuple(nodes)
         everyone = tuple(enumerate(nodes))
-        self._receivers_of = defaultdict(
-            lambda: everyone,
-            {sender: everyone[:sender] + everyone[sender + 1 :] for sender, _ in everyone},
-        )
+        self._receivers_of = {
+            sender: everyone[:sender] + everyone[sender + 1 :] for sender, _ in everyone
+        }
         self._wire: Wire = InstantWire() if bus is None else bus
         self._on_wire = on_wire
         self._now_ns = min((node.deadline_ns for node in nodes), default=0)
@@ -116,7 +114,7 @@ class VirtualTimeExecutor:
         bus raises when it cannot take a frame.
         """
         wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
-        submit, advance, receivers_of = wire.submit, wire.advance, self._receivers_of
+        submit, advance, receivers_of = wire.submit, wire.advance, self._receivers_of.get
         deadlines_ns = [node.deadline_ns for node in nodes] or [NEVER_NS]
         """Read again only after a node has acted; those in the past are now."""
         now_ns, events, busy_index, is_over = _BEFORE_ALL_NS, 0, 0, self.finished
@@ -130,10 +128,10 @@ class VirtualTimeExecutor:
                 events = 0
             if wire_ns <= now_ns:
                 for end_ns, busy_index, frame in advance(now_ns):
-                    events += 1
                     if on_wire is not None:
                         on_wire(end_ns, busy_index, frame)
-                    for index, node in receivers_of[busy_index]:
+                    for index, node in receivers_of(busy_index, ()):
+                        events += 1
                         for answer in node.on_frame(frame, now_ns):
                             submit(answer, index, now_ns)
                         deadline_ns = node.deadline_ns

@@ -7,6 +7,7 @@ import pytest
 from steer_by_wire.runtime.bus_model.bit_noise import BusNoise
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorCounters
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.bus_model.socketcan_error_frames import BIT_ERROR
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from steer_by_wire.runtime.node import NEVER_NS
@@ -26,19 +27,17 @@ class HitsAt:
         return next((hit for hit in self._hits_ns if start_ns <= hit), NEVER_NS)
 
 
-def errors_at(*hits_ns: int) -> tuple[BusErrors, list[int]]:
-    """Return the errors of a bus, and the ends of the transmissions that they destroy [ns]."""
-    ends_ns: list[int] = []
-    return BusErrors(
-        HitsAt(*hits_ns).first_hit_ns, lambda time_ns, _: ends_ns.append(time_ns)
-    ), ends_ns
+def errors_at(*hits_ns: int) -> BusErrors:
+    return BusErrors(HitsAt(*hits_ns).first_hit_ns)
 
 
-def until_idle(bus: BusModel) -> list[tuple[int, Frame]]:
-    deliveries = []
+def until_idle(bus: BusModel) -> tuple[list[tuple[int, Frame]], list[int]]:
+    """Return whole frames and their ends, and the ends of the destroyed ones [ns]."""
+    deliveries: list[tuple[int, Frame]] = []
     while bus.next_event_ns < NEVER_NS:
         deliveries += [(end, frame) for end, _, frame in bus.advance(bus.next_event_ns)]
-    return deliveries
+    whole = [one for one in deliveries if one[1] != BIT_ERROR]
+    return whole, [end for end, frame in deliveries if frame == BIT_ERROR]
 
 
 def middle_of(index: int) -> int:
@@ -51,30 +50,27 @@ ERROR_BITS = 12 + 8
 @pytest.mark.parametrize("frame", [FRAME, Frame(0x555, bytes(12), FD)])
 def test_an_error_frame_follows_the_wrong_bit(frame: Frame) -> None:
     for index in range(sum(frame_bits(frame))):
-        errors, ends_ns = errors_at(middle_of(index))
-        bus = BusModel(BITRATE_BIT_S, errors=errors)
+        bus = BusModel(BITRATE_BIT_S, errors=errors_at(middle_of(index)))
         bus.submit(frame, 0, 0)
         end_bits = index + 1 + ERROR_BITS
-        assert until_idle(bus) == [((end_bits + 3 + sum(frame_bits(frame))) * BIT_NS, frame)]
-        assert ends_ns == [end_bits * BIT_NS]
+        repeated_ns = (end_bits + 3 + sum(frame_bits(frame))) * BIT_NS
+        assert until_idle(bus) == ([(repeated_ns, frame)], [end_bits * BIT_NS])
 
 
 def test_an_error_in_the_data_phase_ends_within_a_nominal_bit() -> None:
     frame = Frame(0x555, bytes(12), FD | BITRATE_SWITCH)
     hit_ns = middle_of(25)
-    errors, ends_ns = errors_at(hit_ns)
-    bus = BusModel(BITRATE_BIT_S, 2_000_000, errors=errors)
+    bus = BusModel(BITRATE_BIT_S, 2_000_000, errors=errors_at(hit_ns))
     bus.submit(frame, 0, 0)
-    until_idle(bus)
-    assert 0 <= ends_ns[0] - hit_ns - ERROR_BITS * BIT_NS <= BIT_NS
+    _, (end_ns,) = until_idle(bus)
+    assert 0 <= end_ns - hit_ns - ERROR_BITS * BIT_NS <= BIT_NS
 
 
 def test_a_more_urgent_frame_goes_before_the_repetition() -> None:
-    errors, _ = errors_at(middle_of(1))
-    bus, urgent = BusModel(BITRATE_BIT_S, errors=errors), Frame(0x001, b"")
+    bus, urgent = BusModel(BITRATE_BIT_S, errors=errors_at(middle_of(1))), Frame(0x001, b"")
     bus.submit(FRAME, 0, 0)
     bus.submit(urgent, 1, 10 * BIT_NS)
-    assert [frame for _, frame in until_idle(bus)] == [urgent, FRAME]
+    assert [frame for _, frame in until_idle(bus)[0]] == [urgent, FRAME]
     # The load has the error frame in whole, though a frame was submitted within it.
     bits = 2 + ERROR_BITS + sum(frame_bits(urgent)) + sum(frame_bits(FRAME)) + 3 * 3
     assert bus.load.busy_ns == bits * BIT_NS
@@ -85,19 +81,19 @@ def test_noise_just_before_a_frame_leaves_it_alone() -> None:
     length = sum(frame_bits(FRAME))
     start_ns = (length + 3) * 10_000 / 7
     assert start_ns % 1
-    errors, ends_ns = errors_at(int(start_ns))
-    bus = BusModel(700_000, errors=errors)
+    bus = BusModel(700_000, errors=errors_at(int(start_ns)))
     for _ in range(2):
         bus.submit(FRAME, 0, 0)
-    assert len(until_idle(bus)) == 2
-    assert ends_ns == []
+    whole, destroyed = until_idle(bus)
+    assert (len(whole), destroyed) == (2, [])
 
 
 def test_bus_off_loses_the_frames_and_ends_after_its_time() -> None:
-    always, ends_ns = errors_at(*range(middle_of(0), 20_000 * BIT_NS, BIT_NS))
+    always = errors_at(*range(middle_of(0), 20_000 * BIT_NS, BIT_NS))
     bus = BusModel(BITRATE_BIT_S, errors=always)
     bus.submit(FRAME, 0, 0)
-    assert until_idle(bus) == []
+    whole, ends_ns = until_idle(bus)
+    assert whole == []
     assert len(ends_ns) == 32  # of 8 each
     off_ns = ends_ns[-1]
     bus.submit(FRAME, 0, off_ns + 128 * 11 * BIT_NS - 1)

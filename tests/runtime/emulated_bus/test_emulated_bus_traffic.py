@@ -48,7 +48,6 @@ def arrivals_of(seed: int, duration_ns: int) -> list[Arrival]:
 def in_virtual_time(arrivals: Sequence[Arrival]) -> Seen:
     bus = SharedBus(BITRATE_BIT_S, traffic_of(LOADED, 1), 1)
     seen: Seen = []
-    bus.watch(lambda time_ns, sender, frame: seen.append((time_ns, sender, frame)))
     for time_ns, sender, frame in arrivals:
         seen += bus.advance(time_ns)
         bus.submit(frame, sender, time_ns)
