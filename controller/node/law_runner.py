@@ -18,12 +18,12 @@ from ..law_interface import (
     LawInput,
     LawOutput,
     VehicleBelief,
+    VehicleReading,
 )
 from ..laws.law_from_settings import design_law
 from ..limits.designed_ranges import share_of_demand
 from ..limits.fades_and_ramps import difference_step
 from ..settings import ControllerSettings
-from .newest_messages import Received
 
 FAILURES_MAX = 1
 """Restarts of a law after an output that is not finite; one more failure stops it for good."""
@@ -94,7 +94,7 @@ class LawRunner:
         if self.design.params_at is not None:
             self._params = self.design.params_at(speed_m_s)
 
-    def start(self, before: Mode, received: Received) -> None:
+    def start(self, before: Mode, lateral_error_m: float) -> None:
         """Prepare for ACTIVE after another mode: at rest at the newest measurement.
 
         Some laws continue in part after a hold.
@@ -103,22 +103,24 @@ class LawRunner:
             self._state = None
         recovered = self.design.recovered_state
         if recovered is None or self._state is None:
-            self._state = self.design.initial_state(received.lateral_error_m)
+            self._state = self.design.initial_state(lateral_error_m)
         else:
-            self._state = recovered(self._state, received.lateral_error_m)
+            self._state = recovered(self._state, lateral_error_m)
         # Before the first command there is no held command to continue from.
         self._fade_rad, self._continues_hold = 0.0, before is not Mode.WAITING
 
-    def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
-        """Advance by one period; returns the command [rad], None if it is not finite."""
+    def run(
+        self, read: tuple[float, float, VehicleReading], sent_rad: float, period: int, now_ns: int
+    ) -> float | None:
+        """Advance by one period; returns the command [rad], None if it is not finite.
+
+        ``read``  as of ``Received.read_by_law``
+        """
         bus_history, design = self.read_history, self.design
         loop_delay = (
             NO_LOOP_DELAY if bus_history is None else bus_history.loop_delay(period, now_ns)
         )
-        vehicle = received.vehicle_at(now_ns)
-        error_m, history = received.lateral_error_m, self._history
-        acting_rad = received.acting_rad(sent_rad, now_ns)
-        observed = new_record(LawInput, (error_m, acting_rad, vehicle, loop_delay, history))
+        observed = new_record(LawInput, (*read, loop_delay, self._history))
         state, output = design.step(self._params, self._state, observed)
         steer_rad = self._share * output.steer_rad
         self.acting = -1

@@ -61,12 +61,11 @@ def plant_text(freshness: tuple[Freshness, ...], *, ends_with_plant: bool) -> st
 
 
 class Received:
-    """Checks frames and stores their values; nothing else writes them.
+    """Checks frames and keeps the newest values.
 
     ``errors``, ``statuses``, ``states``  counter and arrival of the newest frame of each message
-    ``lateral_error_m``, ``heading_error_rad``, ``steering``, ``wheel_rad``, ``vehicle``
-                                          the newest values; 0, NO_COMMAND and NO_VEHICLE before
-                                          the first
+    ``error``, ``status``, ``vehicle``    the newest values; 0, NO_COMMAND and NO_VEHICLE before the
+                                          first
     ``unauthenticated``                   frames refused by authentication
     """
 
@@ -76,19 +75,12 @@ class Received:
         self._checks = tuple(map(self.reception.newest, SUPERVISED))
         self.errors, self.statuses, self.states = self._checks
         self._limits = settings.age_limits
-        self.lateral_error_m = self.heading_error_rad = self.wheel_rad = 0.0
-        self.steering = SteeringStatusCode.NO_COMMAND
+        self.error = LateralError(lateral_error_m=0.0, heading_error_rad=0.0)
+        self.status = SteeringStatus(
+            wheel_angle_rad=0.0, applied_counter=0, status=SteeringStatusCode.NO_COMMAND
+        )
         self.vehicle = NO_VEHICLE
         self.unauthenticated = 0
-
-    def on_error(self, message: LateralError) -> None:
-        """Store where the vehicle is."""
-        self.lateral_error_m = message.lateral_error_m
-        self.heading_error_rad = message.heading_error_rad
-
-    def on_steering(self, message: SteeringStatus) -> None:
-        """Store what the steering does."""
-        self.steering, self.wheel_rad = message.status, message.wheel_angle_rad
 
     def on_motion(self, message: VehicleState) -> None:
         """Store how the vehicle moves."""
@@ -107,19 +99,19 @@ class Received:
         """Frames refused so far, for any cause."""
         return self.reception.refused + self.unauthenticated
 
-    def acting_rad(self, sent_rad: float, now_ns: int) -> float:
-        """Return the command that acts."""
-        if self.steering is _APPLYING:
-            return sent_rad
-        age = freshness(self.statuses.arrival_ns, self._limits.steering_status_ns, now_ns)
-        return acting_rad(self.steering, age, self.wheel_rad, sent_rad)
+    def read_by_law(self, sent_rad: float, now_ns: int) -> tuple[float, float, VehicleReading]:
+        """Return lateral error, the command that acts, and the motion, marked if it is stale.
 
-    def vehicle_at(self, now_ns: int) -> VehicleReading:
-        """Return the newest motion of the vehicle, marked if it is stale."""
-        arrival_ns = self.states.arrival_ns
-        if arrival_ns is not None and now_ns - arrival_ns > self._limits.vehicle_state_ns:
-            return self.vehicle._replace(is_stale=True)
-        return self.vehicle
+        ``sent_rad``  the command sent in the period before
+        """
+        status, vehicle, limits = self.status, self.vehicle, self._limits
+        code, arrival_ns = status.status, self.states.arrival_ns
+        if arrival_ns is not None and now_ns - arrival_ns > limits.vehicle_state_ns:
+            vehicle = vehicle._replace(is_stale=True)
+        if code is not _APPLYING:
+            age = freshness(self.statuses.arrival_ns, limits.steering_status_ns, now_ns)
+            sent_rad = acting_rad(code, age, status.wheel_angle_rad, sent_rad)
+        return self.error.lateral_error_m, sent_rad, vehicle
 
     def freshness(self, now_ns: int) -> tuple[Freshness, Freshness, Freshness]:
         """Return the freshness of each message of SUPERVISED."""

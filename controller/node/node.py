@@ -132,7 +132,7 @@ class ControllerNode:
         before_ns = received.errors.arrival_ns
         message = received.reception.receive(frame, now_ns)
         if type(message) is LateralError:
-            received.on_error(message)
+            received.error = message
             self._supervisor.on_measurement(before_ns, now_ns)
             if (bus_history := self._law.bus_history) is not None:
                 bus_history.on_error(message, received.errors.counter, now_ns)
@@ -144,7 +144,12 @@ class ControllerNode:
             speed_m_s = message.speed_m_s
             received.on_motion(message)
             self._reported.append(
-                (message, received.heading_error_rad, received.wheel_rad, self._command_rad)
+                (
+                    message,
+                    received.error.heading_error_rad,
+                    received.status.wheel_angle_rad,
+                    self._command_rad,
+                )
             )
             self._law.on_speed(speed_m_s)
             self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
@@ -183,7 +188,7 @@ class ControllerNode:
             self._sent_steer_rad = sent_rad
             if mode is _ACTIVE:
                 limit = "" if sent_rad == wanted_rad else limit_name(self._limits, sent_rad)
-                self._figures.on_law(self._received.lateral_error_m, sent_rad, limit)
+                self._figures.on_law(self._received.error.lateral_error_m, sent_rad, limit)
             if mode is not _WAITING and not self._supervisor.is_silent:
                 frames.append(self._command_frame(mode, now_ns, period))
             if self._driver is not None:
@@ -240,7 +245,7 @@ class ControllerNode:
         delay_s = echo_delay_s(self._echo_rule, self._echo, now_ns)
         delay = "unknown" if delay_s is None else f"{1e3 * delay_s:.0f} ms"
         now = (
-            f"{mode.name}  error {1e3 * received.lateral_error_m:+.1f} mm"
+            f"{mode.name}  error {1e3 * received.error.lateral_error_m:+.1f} mm"
             f"  steer {self._sent_steer_rad:+.3f}"
             f"  delay {delay}  rejected {received.refused}  lost {reception.lost}"
         )
@@ -297,10 +302,9 @@ class ControllerNode:
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Process the counter of the command that is applied now, and whether the steering acts."""
-        code, wheel_rad = status.status, status.wheel_angle_rad
-        self._received.on_steering(status)
+        self._received.status, code = status, status.status
         # A wheel that is limited, held or another's follows no command of this controller.
-        self._command_rad = self._aim_rad = wheel_rad
+        self._command_rad = self._aim_rad = status.wheel_angle_rad
         if code is _NO_COMMAND:
             return
         echo = self._commands.sent.on_echo(status.applied_counter)
@@ -324,7 +328,8 @@ class ControllerNode:
             self._plausibility.restart()
             return
         motion = mean_motion(reported, lasted_s)
-        errors = received.lateral_error_m, received.heading_error_rad
+        error = received.error
+        errors = error.lateral_error_m, error.heading_error_rad
         self._plausibility.step(motion, *errors, self._aim_rad)
         stops = self._settings.supervision.stops_if_implausible
         is_found = self._plausibility.is_opposed or (
@@ -344,7 +349,8 @@ class ControllerNode:
         mode = supervisor.mode
         if mode is _ACTIVE and arrival_ns is not None:
             self._figures.sample_age.record(now_ns - arrival_ns)
-            law_rad = self._law.run(self._received, self._sent_steer_rad, period, now_ns)
+            read = self._received.read_by_law(self._sent_steer_rad, now_ns)
+            law_rad = self._law.run(read, self._sent_steer_rad, period, now_ns)
             if law_rad is not None:
                 return law_rad
             if self._law.is_distrusted:
@@ -362,9 +368,9 @@ class ControllerNode:
         is_active = self._supervisor.mode is _ACTIVE
         before = driver.steered_by
         if driver.decide(now_ns, law_rad, can_steer=is_active) is not SteeredBy.LAW:
-            return self._received.wheel_rad
+            return self._received.status.wheel_angle_rad
         if before is not SteeredBy.LAW and is_active:
-            self._law.start(Mode.HOLDING, self._received)
+            self._law.start(Mode.HOLDING, self._received.error.lateral_error_m)
             return self._sent_steer_rad
         return law_rad
 
@@ -375,7 +381,7 @@ class ControllerNode:
         if entered is not None:
             self._figures.on_mode(entered)
         if entered is _ACTIVE:
-            self._law.start(before, self._received)
+            self._law.start(before, self._received.error.lateral_error_m)
 
     def _command_frame(self, mode: Mode, now_ns: int, period: int) -> Frame:
         """Return the command of this period or its plan, and record that it was sent."""
@@ -391,7 +397,7 @@ class ControllerNode:
         if bus_history is not None:
             bus_history.on_command(period, steer_rad, is_planned=is_planned)
         if figures.samples_left and arrival_ns is not None:
-            error_m, age_ns = self._received.lateral_error_m, now_ns - arrival_ns
+            error_m, age_ns = self._received.error.lateral_error_m, now_ns - arrival_ns
             figures.keep(ControlSample(now_ns, mode, error_m, age_ns, law.output, steer_rad))
         return frame
 

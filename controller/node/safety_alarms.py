@@ -163,14 +163,14 @@ class SafetyReport:
         received, modes, validity = self._received, self._modes, self.validity
         found_from = (
             received.reception.refused, received.unauthenticated, fault, validity,
-            modes.mode, modes.goes_forward, received.steering,
+            modes.mode, modes.goes_forward, received.status.status,
         )  # fmt: skip
         if now_ns <= self._fresh_until_ns and found_from == self._found_from:
             return self.facts
         self._found_from = found_from
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)
-        state = modes.mode, modes.goes_forward, received.steering
+        state = modes.mode, modes.goes_forward, received.status.status
         found = facts_of(received.refused, *freshness, fault, second_sender, validity, *state)
         if found != self.facts:
             self.facts = found

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from steer_by_wire import simulate
+from steer_by_wire import Run, simulate
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.studies.compiled_figures import (
+    Figures,
     figures_of,
     latency_figures,
     rules_of,
@@ -159,6 +160,14 @@ def test_only_the_samples_of_two_windows_are_kept() -> None:
     assert kept == judged(sine(0.2), rules)
 
 
+def studied_figures(run: Run, motion: Any, sent_rad: Any) -> Figures:
+    """Return the figures by which a study judges this motion of the car."""
+    rules = rules_of(run.plant_settings.verdict, run.plant_settings, run.controller_settings)
+    car_m = motion.cg_deviation_m
+    moved = motion.time_s, motion.lateral_error_m, car_m, car_m, motion.wheel_angle_rad
+    return figures_of(rules, *moved, sent_rad)
+
+
 @pytest.mark.parametrize(("delay_s", "noise_m"), [(0.5, 0.0), (0.39, 0.02)])
 def test_the_plant_judges_a_run_as_a_study_does(delay_s: float, noise_m: float) -> None:
     run = simulate(
@@ -169,16 +178,7 @@ def test_the_plant_judges_a_run_as_a_study_does(delay_s: float, noise_m: float) 
             "plant.sensor_noise.lateral_error_m": noise_m,
         },
     )
-    plant, controller = run.plant_settings, run.controller_settings
-    figures = figures_of(
-        rules_of(plant.verdict, plant, controller),
-        run.plant.time_s,
-        run.plant.lateral_error_m,
-        run.plant.cg_deviation_m,
-        run.plant.cg_deviation_m,
-        run.plant.wheel_angle_rad,
-        run.controller.sent_rad,
-    )
+    plant, figures = run.plant_settings, studied_figures(run, run.plant, run.controller.sent_rad)
     complete = np.array([list(RunEnd).index(RunEnd.COMPLETE)])
     (studied,) = verdicts(plant.verdict, complete, np.array([figures]))
     assert run.plant_report["verdict"] == studied == ("limit cycle" if delay_s == 0.5 else "holds")
@@ -271,15 +271,7 @@ def test_a_wheel_that_slams_does_not_hold_though_the_vehicle_cannot_follow() -> 
         text,
     ), text
     study = run_compiled(run.plant_settings, run.controller_settings)
-    figures = figures_of(
-        rules_of(run.plant_settings.verdict, run.plant_settings, run.controller_settings),
-        study.time_s,
-        study.lateral_error_m,
-        study.cg_deviation_m,
-        study.cg_deviation_m,
-        study.wheel_angle_rad,
-        study.sent_rad,
-    )
+    figures = studied_figures(run, study, study.sent_rad)
     complete = np.array([list(RunEnd).index(RunEnd.COMPLETE)])
     assert verdicts(VerdictRules(), complete, np.array([figures])) == [Verdict.LIMIT_CYCLE]
 

