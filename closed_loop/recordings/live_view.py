@@ -100,6 +100,7 @@ class BusWatch:
     ``listening``  understands the bus
 
     ``listener``        counts what is refused and foreign
+    ``round_trips``     from a command to the first status that names it [s]
     ``cg_deviation_m``  newest deviation of the centre of gravity [m]; NaN where it is not known yet
     """
 
@@ -109,7 +110,7 @@ class BusWatch:
         self._frames = 0
         self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
         self._newest: dict[type[Message], tuple[int, Message]] = {}
-        self._round_trips = Recent()
+        self.round_trips = Recent()
         self._cycles = defaultdict[str, Recent](Recent)
         self._arrived_ns: dict[str, int] = {}
         """When the newest frame came, by the message's name on the bus."""
@@ -118,14 +119,6 @@ class BusWatch:
         """What has a newest message with a time, by name."""
         self._cg = CgDeviation(PREVIEW_M)
         self.cg_deviation_m = math.nan
-
-    def round_trip_s(self, now_ns: int) -> float:
-        """Return the newest round trip [s]; NaN when there is none of the last second."""
-        return self._round_trips.newest(now_ns)
-
-    def round_trip(self, now_ns: int) -> Spread | None:
-        """Return the spread of the round trips of the last SPAN_S; None without any."""
-        return self._round_trips.spread(now_ns)
 
     def on_frame(self, frame: Frame, now_ns: int, *, has_time: bool = True) -> Taken:
         """Take a frame that arrived at ``now_ns``; returns its messages if they are newer than all.
@@ -176,7 +169,7 @@ class BusWatch:
         elif isinstance(message, SteeringStatus):
             round_trip_ns = self._in_flight.on_status(message, now_ns)
             if has_time and round_trip_ns is not None:
-                self._round_trips.add(now_ns, round_trip_ns / NS_PER_S)
+                self.round_trips.add(now_ns, round_trip_ns / NS_PER_S)
 
     def messages(self, now_ns: int) -> tuple[MessageView, ...]:
         """Return every message on the bus as it stands at ``now_ns``."""

@@ -10,13 +10,13 @@ verdict on how the path was held, by the measured error.
 """
 
 import argparse
-import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -91,7 +91,12 @@ def _log(text: str) -> Path:
 def _run(options: argparse.Namespace) -> int:
     logs = [options.files] if options.join else [[path] for path in options.files]
     results, mistakes = [], []
-    with _progress() as advance:
+    with progress_bars(Console(stderr=True)) as bars:
+        bar = bars.add_task("", total=1.0)
+
+        def advance(name: str, fraction: float | None) -> None:
+            bars.update(bar, description=name, completed=fraction or 0.0)
+
         for paths, folder in zip(logs, _folders(logs, options.out), strict=True):
             try:
                 results.append(_analyse(paths, folder, options, advance))
@@ -180,19 +185,12 @@ def _analyse(
 @contextmanager
 def _all_or_nothing(folder: Path) -> Iterator[Path]:
     """Give a folder to write to; its files come into ``folder`` if the block ends well."""
-    missing = [place for place in folder.parents if not place.exists()]  # the deepest first
-    partial = folder.with_name(f".{folder.name}.partial")
-    try:
-        partial.mkdir(parents=True, exist_ok=True)
-        yield partial
-        folder.mkdir(exist_ok=True)
-        for file in partial.iterdir():
+    there = next(place for place in folder.absolute().parents if place.exists())
+    with TemporaryDirectory(prefix=f".{folder.name}.", dir=there) as partial:
+        yield Path(partial)
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in Path(partial).iterdir():
             file.replace(folder / file.name)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        for place in missing:
-            with suppress(OSError):  # it holds something
-                place.rmdir()
 
 
 def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]":
@@ -204,19 +202,6 @@ def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]
     from steer_by_wire.tools.analyze.smoothing import SmoothedTable
 
     return [SmoothedTable(folder / "smoothed.csv", vehicle)]
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, float | None], None]]:
-    with progress_bars(Console(stderr=True)) as progress:
-        tasks: dict[str, Any] = {}
-
-        def advance(name: str, fraction: float | None) -> None:
-            if name not in tasks:
-                tasks[name] = progress.add_task(name, total=None if fraction is None else 1.0)
-            progress.update(tasks[name], completed=fraction)
-
-        yield advance
 
 
 if __name__ == "__main__":

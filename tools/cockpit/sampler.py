@@ -232,7 +232,7 @@ class Sampler:
             "curvature_1_m": vehicle and vehicle.preview_curvature_1_m,
             "downlink_s": plant and plant.downlink_latency_s,
             "uplink_s": plant and plant.uplink_latency_s,
-            "round_trip_s": command and status and self._watch.round_trip_s(now_ns),
+            "round_trip_s": command and status and self._watch.round_trips.newest(now_ns),
             "echo_delay_s": delay.echo_delay_s if delay and has_echo else None,
             "foot_x_m": foot.x_m,
             "foot_y_m": foot.y_m,

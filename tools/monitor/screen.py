@@ -57,7 +57,7 @@ def screen_lines(watch: BusWatch, now_ns: int, bus: str, width: int = WIDTH_MIN)
 
 def one_line(watch: BusWatch, now_ns: int) -> str:
     """Return the most important figures on one line, for a file or a pipe."""
-    of, trip = watch.newest().of, watch.round_trip(now_ns)
+    of, trip = watch.newest().of, watch.round_trips.spread(now_ns)
     plant, status = of(messages.PlantStatus), of(messages.ControllerStatus)
     off, command = of(messages.LateralError), of(messages.SteeringCommand)
     one_way_s = () if plant is None else (plant.downlink_latency_s, plant.uplink_latency_s)
@@ -126,14 +126,14 @@ def _signals(watch: BusWatch) -> Iterator[tuple[str, str, str]]:
 
 
 def _latency(watch: BusWatch, now_ns: int) -> Iterator[tuple[str, str, str]]:
-    plant, trip = watch.newest().of(messages.PlantStatus), watch.round_trip(now_ns)
+    plant, trip = watch.newest().of(messages.PlantStatus), watch.round_trips.spread(now_ns)
     names = zip(("p50", "p99", "max"), trip or (), strict=False)
     spread = " ".join(f"{name} {_ms(value_s)}" for name, value_s in names)
     word = "latency, the plant's word"
     for message, label, value_s, remark in (
         ("PLANT_STATUS", "commands", plant and plant.downlink_latency_s, word),
         ("PLANT_STATUS", "measurements", plant and plant.uplink_latency_s, word),
-        ("", "round trip", watch.round_trip_s(now_ns), spread),
+        ("", "round trip", watch.round_trips.newest(now_ns), spread),
     ):
         yield message, _value(label, value_s, _ONE_MS, 2, "ms", sign=""), remark
 

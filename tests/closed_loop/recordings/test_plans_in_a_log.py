@@ -87,7 +87,7 @@ def test_the_monitor_shows_a_plan_as_a_command_and_nothing_as_stale(
     watch = BusWatch(0)
     for time_ns, _, frame in entries:
         watch.on_frame(frame, time_ns)
-    newest, trip = watch.newest(), watch.round_trip(time_ns)
+    newest, trip = watch.newest(), watch.round_trips.spread(time_ns)
     command, steering = newest.of(SteeringCommand), newest.of(SteeringStatus)
     assert command is not None
     assert steering is not None

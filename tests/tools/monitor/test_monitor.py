@@ -73,7 +73,7 @@ def test_a_watch_has_the_newest_of_every_signal(entries: list[LogEntry]) -> None
 
 def test_a_watch_has_the_round_trip_of_the_last_seconds(entries: list[LogEntry]) -> None:
     watch, now_ns = watched(entries)
-    trip = watch.round_trip(now_ns)
+    trip = watch.round_trips.spread(now_ns)
     assert trip is not None
     assert 0.098 < trip.p50_s <= trip.p99_s <= trip.max_s < 0.112
     commands = next(row for row in watch.messages(now_ns) if row.name == "STEERING_COMMAND")
@@ -101,9 +101,9 @@ def test_what_stays_away_is_stale_and_then_forgotten(entries: list[LogEntry]) ->
     later_ns, much_later_ns = now_ns + 2 * NS, now_ns + round(2 * SPAN_S * NS)
     assert {row.name for row in watch.messages(later_ns) if row.is_stale} >= {"LATERAL_ERROR"}
     assert watch.frames_per_s(later_ns) == 0.0
-    assert math.isnan(watch.round_trip_s(later_ns))
-    assert watch.round_trip(later_ns) is not None
-    assert watch.round_trip(much_later_ns) is None
+    assert math.isnan(watch.round_trips.newest(later_ns))
+    assert watch.round_trips.spread(later_ns) is not None
+    assert watch.round_trips.spread(much_later_ns) is None
     assert watch.newest().of(LateralError) is not None
     assert watch.newest(much_later_ns).of(LateralError) is None
 
