@@ -17,10 +17,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 from .base_settings import PATH, leaves, named_path
 from .study_file import (
-    DistributionSettings,
     FactorSettings,
-    LogUniform,
-    Normal,
     SamplingKind,
     SamplingSettings,
 )
@@ -94,63 +91,37 @@ def make_factor(settings: FactorSettings, is_grid: bool, where: str) -> Factor:
         if len({level.label for level in levels}) < len(levels):
             raise SettingsError(f"{where}: values of factor {name} must differ from each other")
         return Factor(name, keys, levels, None)
-    if settings.distribution is not None:
-        if is_grid:
-            raise SettingsError(
-                f"{where}: factor {name} has a distribution, which a grid has no points for: give "
-                "values or a range, or choose sobol in [sampling]"
-            )
-        return Factor(name, keys, None, quantile_of(settings.distribution))
     return _ranged(settings, name, keys, is_grid, where)
 
 
-def quantile_of(distribution: DistributionSettings) -> Callable[[float], float]:
-    """Return the quantile function of a distribution."""
-    match distribution:
-        case LogUniform(low=low, high=high):
-            return lambda u: low * math.exp(u * math.log(high / low))
-        case Normal():
-            return _normal(distribution)
+def quantile_of(start: float, stop: float, scale: str) -> Callable[[float], float]:
+    """Return the quantile function of a range."""
+    if scale == "log":
+        return lambda u: start * math.exp(u * math.log(stop / start))
+    return lambda u: start + (stop - start) * u
 
 
-def _normal(table: Normal) -> Callable[[float], float]:
-    from scipy.special import ndtr, ndtri
-
-    first, last = (
-        float(ndtr((edge - table.mean) / table.spread)) for edge in (table.low, table.high)
-    )
-
-    def quantile(u: float) -> float:
-        value = table.mean + table.spread * float(ndtri(first + u * (last - first)))
-        return min(max(value, table.low), table.high)
-
-    return quantile
-
-
-def range_values(start: float, stop: float, step: float | None, count: int | None) -> list[float]:
-    """Return a range with both ends, without digits that are rounding errors."""
-    if step is not None:
-        intervals = math.floor((stop - start) / step * (1.0 + 1e-12) + 1e-9)
-        values = [start + index * step for index in range(intervals + 1)]
-    elif count in (None, 1):
-        values = [start] if count == 1 or start == stop else [start, stop]
-    else:
-        assert count is not None  # noqa: S101 - for the type checker
-        values = [start + (stop - start) * index / (count - 1) for index in range(count)]
-    return [float(f"{value:.12g}") for value in values]
+def range_values(quantile: Callable[[float], float], count: int) -> list[float]:
+    """Return values of a range, from its start on, without digits that are rounding errors."""
+    return [float(f"{quantile(index / max(1, count - 1)):.12g}") for index in range(count)]
 
 
 def _ranged(
     settings: FactorSettings, name: str, keys: tuple[str, ...], is_grid: bool, where: str
 ) -> Factor:
     start, stop = settings.start or 0.0, settings.stop or 0.0
-    if settings.step is None and settings.count is None:
+    step, count = settings.step, settings.count
+    if step is not None:
+        intervals = math.floor((stop - start) / step * (1.0 + 1e-12) + 1e-9)
+        stop, count = start + intervals * step, intervals + 1
+    quantile = quantile_of(start, stop, settings.scale)
+    if count is None:
         if is_grid and start < stop:
             raise SettingsError(
                 f"{where}: the range of factor {name} needs step or count in a grid"
             )
-        return Factor(name, keys, None, lambda u: start + u * (stop - start))
-    values = range_values(start, stop, settings.step, settings.count)
+        return Factor(name, keys, None, quantile)
+    values = range_values(quantile, count)
     return Factor(name, keys, tuple(_level(value, keys) for value in values), None)
 
 

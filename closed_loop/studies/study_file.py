@@ -2,7 +2,7 @@
 
     [base]      a preset or file of the plant, tables on top, and the controllers to compare:
                 presets, files, and variants of these
-    [[factors]] each the settings key(s) it sets, with a list, a range, a distribution, or levels
+    [[factors]] each the settings key(s) it sets, with a list, a range, or levels
                 that set several keys at once
     [sampling]  grid or sobol; seed and replicates
     [verdict]   thresholds of the verdicts (``plant_emulator.evaluation.run_verdict``)
@@ -14,7 +14,7 @@ settings of plant and controller in ``closed_loop.studies.scenario``.
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -28,38 +28,6 @@ POINTS_MAX = 1_000_000
 REPLICATES_MAX = 100_000
 
 LevelValue = bool | int | float | str | dict[str, Any]
-
-
-class LogUniform(Settings):
-    """The logarithm equally likely from ``low`` to ``high``."""
-
-    kind: Literal["log_uniform"]
-    low: float = Field(gt=0.0)
-    high: float = Field(gt=0.0)
-
-    @model_validator(mode="after")
-    def _rises(self) -> Self:
-        _refuse_falling(self.low, self.high)
-        return self
-
-
-class Normal(Settings):
-    """Normal, cut off at ``low`` and ``high``."""
-
-    kind: Literal["normal"]
-    mean: float
-    spread: float = Field(gt=0.0)
-    """Standard deviation."""
-    low: float
-    high: float
-
-    @model_validator(mode="after")
-    def _rises(self) -> Self:
-        _refuse_falling(self.low, self.high)
-        return self
-
-
-DistributionSettings = Annotated[LogUniform | Normal, Field(discriminator="kind")]
 
 
 class FactorSettings(Settings):
@@ -78,7 +46,8 @@ class FactorSettings(Settings):
     step: float | None = Field(None, gt=0.0)
     count: int | None = Field(None, ge=1, le=LEVELS_MAX)
     """How many values a range has, both ends included."""
-    distribution: DistributionSettings | None = None
+    scale: Literal["linear", "log"] = "linear"
+    """Of a range: evenly spread values, or values at the same ratio."""
     levels: dict[str, dict[str, Any]] | None = Field(None, min_length=1, max_length=LEVELS_MAX)
     """By label: tables ``plant`` and ``controller`` with all settings of the level."""
 
@@ -88,7 +57,6 @@ class FactorSettings(Settings):
         ways = {
             "values": self.values is not None,
             "start and stop": ranged,
-            "distribution": self.distribution is not None,
             "levels": self.levels is not None,
         }
         given = [way for way, is_given in ways.items() if is_given]
@@ -107,6 +75,8 @@ class FactorSettings(Settings):
             self._check_range()
         elif self.step is not None or self.count is not None:
             raise ValueError("step and count belong to start and stop")
+        elif self.scale != "linear":
+            raise ValueError("scale belongs to start and stop")
         return self
 
     def _check_range(self) -> None:
@@ -116,6 +86,8 @@ class FactorSettings(Settings):
             raise ValueError(f"stop must not be below start: {self.stop} < {self.start}")
         if self.step is not None and self.count is not None:
             raise ValueError("a range has either step or count")
+        if self.scale == "log" and (self.start <= 0.0 or self.step is not None):
+            raise ValueError("a logarithmic range begins above 0 and has no step")
         if self.step is not None and (self.stop - self.start) / self.step >= LEVELS_MAX:
             raise ValueError(f"a range has at most {LEVELS_MAX} values: step {self.step} is small")
 
@@ -228,8 +200,3 @@ class StudySettings(Settings):
 def read_study(file: Path) -> StudySettings:
     """Return the content of a study file; raises SettingsError."""
     return load_settings(StudySettings, file=file)
-
-
-def _refuse_falling(low: float, high: float) -> None:
-    if not low < high:
-        raise ValueError(f"high must be above low: low = {low}, high = {high}")

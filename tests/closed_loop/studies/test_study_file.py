@@ -14,16 +14,11 @@ from steer_by_wire.closed_loop.studies.factors import (
     Level,
     make_design,
     make_factor,
-    quantile_of,
-    range_values,
 )
 from steer_by_wire.closed_loop.studies.scenario import Scenarios, replicate_seed
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.study_file import (
-    DistributionSettings,
     FactorSettings,
-    LogUniform,
-    Normal,
     SamplingKind,
     SamplingSettings,
 )
@@ -173,11 +168,21 @@ def test_a_table_that_changes_its_kind_loses_the_keys_of_the_other(tmp_path: Pat
     assert made.pair(0).plant.path.model_dump() == {"kind": "circle", "radius_m": 50.0}
 
 
+def ranged(is_grid: bool, **range_: Any) -> Factor:
+    return make_factor(FactorSettings(key="plant.x", **range_), is_grid, "here")
+
+
 def test_ranges_have_both_ends_and_no_digits_of_rounding() -> None:
-    assert range_values(0.0, 0.4, 0.1, None) == [0.0, 0.1, 0.2, 0.3, 0.4]
-    assert range_values(0.0, 0.35, 0.1, None) == [0.0, 0.1, 0.2, 0.3]
-    assert range_values(1.0, 2.0, None, 5) == [1.0, 1.25, 1.5, 1.75, 2.0]
-    assert range_values(3.0, 3.0, None, 1) == [3.0]
+    for range_, values in (
+        ({"start": 0.0, "stop": 0.4, "step": 0.1}, (0.0, 0.1, 0.2, 0.3, 0.4)),
+        ({"start": 0.0, "stop": 0.35, "step": 0.1}, (0.0, 0.1, 0.2, 0.3)),
+        ({"start": 1.0, "stop": 2.0, "count": 5}, (1.0, 1.25, 1.5, 1.75, 2.0)),
+        ({"start": 3.0, "stop": 3.0, "count": 1}, (3.0,)),
+        ({"start": 0.01, "stop": 100.0, "count": 3, "scale": "log"}, (0.01, 1.0, 100.0)),
+    ):
+        assert ranged(True, **range_).labels == values
+    drawn = ranged(False, start=0.01, stop=1.0, scale="log")
+    assert drawn.at(0.5).label == pytest.approx(0.1)
 
 
 def test_a_sobol_sequence_fills_every_quarter_and_goes_on_where_it_was() -> None:
@@ -198,24 +203,6 @@ def test_levels_are_equally_likely_where_points_are_drawn() -> None:
     factor = Factor("x", ("x",), tuple(Level(label, ()) for label in "abcd"), None)
     found = Counter(factor.at((index + 0.5) / 400).label for index in range(400))
     assert found == dict.fromkeys("abcd", 100)
-
-
-def test_distributions_have_the_moments_their_formulas_say() -> None:
-    u = (np.arange(20_000) + 0.5) / 20_000
-    cases: dict[DistributionSettings, tuple[float, float | None]] = {
-        LogUniform(kind="log_uniform", low=1.0, high=np.e): (np.e - 1.0, None),
-        Normal(kind="normal", mean=2.0, spread=0.5, low=-9.0, high=9.0): (2.0, 0.5),
-        Normal(kind="normal", mean=2.0, spread=0.5, low=1.5, high=2.5): (2.0, None),
-    }
-    for table, (mean, spread) in cases.items():
-        values = np.array([quantile_of(table)(x) for x in u.tolist()])
-        assert np.all(np.diff(values) > 0.0)
-        assert values.mean() == pytest.approx(mean, rel=1e-3)
-        if spread is not None:
-            assert values.std() == pytest.approx(spread, rel=2e-3)
-    cut = quantile_of(Normal(kind="normal", mean=2.0, spread=0.5, low=1.5, high=2.5))
-    assert cut(1e-12) >= 1.5
-    assert cut(1.0 - 1e-12) <= 2.5
 
 
 BAD: dict[str, tuple[str, str]] = {
@@ -254,15 +241,13 @@ BAD: dict[str, tuple[str, str]] = {
         '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nstart = 4.0\nstop = 5.0\n',
         r"factors\[0\]: the range of factor speed_m_s needs step or count in a grid",
     ),
-    "a distribution in a grid": (
-        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\n'
-        'distribution = { kind = "log_uniform", low = 4.0, high = 5.0 }\n',
-        r"factors\[0\]: factor speed_m_s has a distribution, which a grid has no points for",
+    "a logarithmic range from 0": (
+        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nstart = 0.0\nstop = 5.0\nscale = "log"\n',
+        r"factors\[0\]: a logarithmic range begins above 0 and has no step",
     ),
-    "a distribution upside down": (
-        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\n'
-        'distribution = { kind = "log_uniform", low = 6.0, high = 5.0 }\n',
-        r"factors\[0\]\.distribution: high must be above low: low = 6\.0, high = 5\.0",
+    "a scale without a range": (
+        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nvalues = [5.0]\nscale = "log"\n',
+        r"factors\[0\]: scale belongs to start and stop",
     ),
     "the same key twice": (
         CORNERS + '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nvalues = [5.0]\n',
