@@ -16,8 +16,7 @@ from ..command_line import say
 from ..exit_status import BusError, ExitStatus, most_severe
 from ..node import NS_PER_S, N, ReportingNode, innermost
 from ..node.real_time_loop import LoopFigures, RealTimeExecutor, unobserved
-from ..port.connection import Connection, ConnectionFigures
-from ..port.port import open_port
+from ..port.port import Connection, open_port
 from ..port.python_can import shutting_down
 from ..recording.recorder import Recording, RecordingPort
 from ..settings import Settings
@@ -61,7 +60,6 @@ class _Run(NamedTuple):
     failure: str
     status: ExitStatus
     loop: LoopFigures
-    connection: ConnectionFigures
     host: Mapping[str, Any]
 
 
@@ -89,9 +87,8 @@ def run_node(
     def make_at_edge(start_ns: int) -> ReportingNode:
         return edge.at_edge(make_node(start_ns))
 
-    opened = open_port(options, edge.can_ids)
+    connection = open_port(options, edge.can_ids)
     screen = Screen(name, sys.stderr)
-    connection = Connection(opened)
     stop = StopRequest()
     # Report and recording are written before the shut-down, which may take seconds or fail.
     with shutting_down(connection), ExitStack() as stack:
@@ -101,15 +98,15 @@ def run_node(
         if options.record is not None:
             recording = Recording(
                 options.record,
-                opened.channel.replace(" ", "_"),
+                connection.channel.replace(" ", "_"),
                 lambda cause: screen.line(f"error: {options.record}: not recorded on: {cause}"),
             )
         stack.enter_context(stop.on_signals())
         if edge.notice:
             say(name, edge.notice, sys.stderr)
-        say(name, f"ready on {opened.description}")
-        if opened.hint:
-            say(name, opened.hint)
+        say(name, f"ready on {connection.description}")
+        if connection.hint:
+            say(name, connection.hint)
         try:
             node, run = _run_in_real_time(
                 options, connection, stop, make_at_edge, recording, screen
@@ -123,8 +120,8 @@ def run_node(
         if fault:
             say(name, f"error: safe state: {fault}", sys.stderr)
         ended_by = f"safe state: {fault}" if fault and run.ended_by == FINISHED else run.ended_by
-        report = run_report(name, ended_by, opened.description, settings, run.loop, figures)
-        report["connection"] = run.connection._asdict()
+        report = run_report(name, ended_by, connection.description, settings, run.loop, figures)
+        report["connection"] = connection.report()
         report["host"] = run.host
         report["recording"] = None if recorded is None else recorded._asdict()
         if options.json is not None:
@@ -177,4 +174,4 @@ def _run_in_real_time(
             screen.close()
     ended_by = failure or stop.reason or FINISHED
     host = {"answers": [answer._asdict() for answer in answers]}
-    return node, _Run(ended_by, failure, status, executor.figures, connection.figures, host)
+    return node, _Run(ended_by, failure, status, executor.figures, host)

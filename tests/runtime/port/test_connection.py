@@ -11,9 +11,8 @@ from steer_by_wire.runtime.bus_model.socketcan_error_frames import (
 from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.node.real_time_loop import Received
-from steer_by_wire.runtime.port import connection as connection_module
-from steer_by_wire.runtime.port.connection import Connection
-from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, OpenPort
+from steer_by_wire.runtime.port import port as port_module
+from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, Connection
 
 DATA = Frame(0x201, b"data")
 BUS_OFF_FRAME = Frame(0x40, bytes(8), ERROR)
@@ -49,14 +48,14 @@ class FakePort:
 
 def connected(port: FakePort, *, is_socketcan: bool = True) -> Connection:
     driver = AF_CAN if is_socketcan else PYTHON_CAN
-    return Connection(OpenPort(port, "a bus", "can7", driver, is_socketcan))
+    return Connection(port, "a bus", "can7", driver, is_socketcan=is_socketcan)
 
 
 @pytest.fixture(autouse=True)
 def carriers(monkeypatch: pytest.MonkeyPatch) -> dict[str, bool]:
     """Network interfaces have the carriers that a test sets."""
     states: dict[str, bool] = {}
-    monkeypatch.setattr(connection_module, "has_carrier", states.get)
+    monkeypatch.setattr(port_module, "has_carrier", states.get)
     return states
 
 
@@ -73,20 +72,20 @@ def test_frames_pass_and_error_frames_are_counted_by_cause_and_pass_too(port: Fa
     received = [connection.recv(0.0) for _ in range(5)]
     assert [found and found.frame.flags for found in received] == [0, ERROR, ERROR, ERROR, None]
     assert connection.send(DATA)
-    assert connection.figures.error_frames == {
+    assert connection.report()["error_frames"] == {
         "bit_error": 1,
         "bus_error": 1,
         "error_warning": 2,
         "no_acknowledge": 1,
     }
-    assert connection.figures.frames_dropped == 3
+    assert connection.report()["frames_dropped"] == 3
 
 
 def test_error_frames_of_other_interfaces_name_no_cause(port: FakePort) -> None:
     connection = connected(port, is_socketcan=False)
     port.waiting.append(BUS_OFF_FRAME)
     assert connection.recv(0.0) is not None
-    assert connection.figures.error_frames == {"unspecified": 1}
+    assert connection.report()["error_frames"] == {"unspecified": 1}
 
 
 def test_a_bus_that_fails_ends_the_run(port: FakePort) -> None:
@@ -106,7 +105,7 @@ def test_bus_off_ends_the_run_in_one_line(port: FakePort) -> None:
     port.waiting.append(BUS_OFF_FRAME)
     with pytest.raises(BusError, match=r"^bus-off: [^\n]*$"):
         connection.recv(0.0)
-    assert connection.figures.error_frames == {BUS_OFF: 1}
+    assert connection.report()["error_frames"] == {BUS_OFF: 1}
 
 
 def test_a_bus_off_of_an_interface_with_carrier_is_counted_as_forged_and_ends_nothing(
@@ -118,4 +117,4 @@ def test_a_bus_off_of_an_interface_with_carrier_is_counted_as_forged_and_ends_no
     connection.recv(0.0)
     assert connection.recv(0.0) == Received(DATA, None)
     assert connection.send(DATA)
-    assert connection.figures.error_frames == {FORGED_BUS_OFF: 1}
+    assert connection.report()["error_frames"] == {FORGED_BUS_OFF: 1}

@@ -15,7 +15,7 @@ from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.runtime.port import interface_choice
 from steer_by_wire.runtime.port import port as port_module
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
-from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, OpenPort, open_port
+from steer_by_wire.runtime.port.port import AF_CAN, PYTHON_CAN, Connection, open_port
 
 IDS = [0x210, 0x201]
 FILTERS = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in sorted(IDS)]
@@ -92,7 +92,7 @@ def python_can(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(can.interfaces.BACKENDS, "socketcan", (__name__, "FilteringAdapter"))
 
 
-def opened(*arguments: str, ids: Sequence[int] | None = IDS) -> OpenPort:
+def opened(*arguments: str, ids: Sequence[int] | None = IDS) -> Connection:
     parser = argparse.ArgumentParser()
     add_bus_arguments(parser)
     found = open_port(parser.parse_args(arguments), ids)
@@ -100,11 +100,11 @@ def opened(*arguments: str, ids: Sequence[int] | None = IDS) -> OpenPort:
     return found
 
 
-def bus_of(found: OpenPort) -> Any:
+def bus_of(found: Connection) -> Any:
     return found.port.bus
 
 
-def given(found: OpenPort) -> Any:
+def given(found: Connection) -> Any:
     return found.port.given
 
 
@@ -180,7 +180,7 @@ def test_a_plugin_that_filters_is_given_what_the_node_receives() -> None:
 
 
 @pytest.fixture
-def plain() -> Iterator[OpenPort]:
+def plain() -> Iterator[Connection]:
     parser = argparse.ArgumentParser()
     add_bus_arguments(parser)
     found = open_port(parser.parse_args(["-i", "adapter", "-c", "x"]), IDS)
@@ -188,7 +188,7 @@ def plain() -> Iterator[OpenPort]:
     found.port.shutdown()
 
 
-def test_a_plugin_that_does_not_filter_keeps_its_error_frames(plain: OpenPort) -> None:
+def test_a_plugin_that_does_not_filter_keeps_its_error_frames(plain: Connection) -> None:
     message = can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False)
     bus_of(plain).waiting.append(message)
     received = plain.port.recv(0.0)
