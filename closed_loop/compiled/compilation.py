@@ -25,6 +25,7 @@ from numba.core.caching import IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 
 from ...runtime.program.garbage_collection import no_collections
+from .inlined_functions import CallerCompiler
 
 if sys.platform != "win32":
     import fcntl
@@ -40,7 +41,8 @@ _PACKAGE = Path(__file__).resolve().parents[2]
 _OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
 """Without the entry for callers in C, which is slow to compile."""
 _DIGEST_LENGTH = hashlib.sha256().digest_size
-_UNCOUNTED, _COUNTED = {"_nrt": False}, {"_nrt": True}
+_UNCOUNTED = {"_nrt": False, "pipeline_class": CallerCompiler}
+_COUNTED = {"_nrt": True}
 """Whether arrays have reference counts; without them nothing can make an array."""
 
 

@@ -7,13 +7,16 @@ into the loop. Here such a function ends as LLVM's code, which its caller takes 
 from typing import Any
 
 import numba
-from numba.core import compiler, compiler_machinery, typed_passes, untyped_passes
+from numba.core import cgutils, compiler, compiler_machinery, typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
+from numba.core.lowering import Lower as NumbasLower
 
 _numba: Any = numba
 _compiler: Any = compiler
 _machinery: Any = compiler_machinery
+_cgutils: Any = cgutils
 _Library: Any = JITCodeLibrary
+_Lower: Any = NumbasLower
 _Lowering: Any = typed_passes.NativeLowering
 """Untyped, as numba has no types for them."""
 _OMITTED = (
@@ -27,18 +30,55 @@ _OMITTED = (
 )
 
 
+class Lower(_Lower):  # type: ignore[misc]
+    """Lowers without debug information, and without reference counts where there are none."""
+
+    def alloca_lltype(self, name: str, lltype: Any, **_: Any) -> Any:
+        """Make room for a variable; numba would ask LLVM for its size."""
+        return _cgutils.alloca_once(self.builder, lltype, name=name)
+
+    def delvar(self, name: str) -> None:
+        """Forget a variable; what it refers to may then be free."""
+        if self.context.enable_nrt:
+            super().delvar(name)
+
+
 class InlinedLibrary(_Library):  # type: ignore[misc]
-    """Code as it is, for the libraries of callers."""
+    """Code as it is, without that of the functions it calls."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def finalize(self) -> None:
+        """Leave linking and optimisation to the caller."""
+        for function in self._final_module.functions:
+            if not function.is_declaration:
+                function.linkage = "linkonce_odr"
+        self._shared_module, self._finalized = self._final_module, True
+        self._finalize_dynamic_globals()
+
+
+class CallerLibrary(_Library):  # type: ignore[misc]
+    """Code with that of all functions it calls, linked and optimised once."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
-        """Leave it to the caller."""
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
 
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
+    def finalize(self) -> None:
+        """Link what callees call, too."""
+        reached = dict.fromkeys(self._linking_libraries)
+        waiting = list(reached)
+        while waiting:
+            for library in waiting.pop()._linking_libraries:
+                if library not in reached:
+                    reached[library] = None
+                    waiting.append(library)
+        self._linking_libraries = list(reached)
+        super().finalize()
 
 
 @_machinery.register_pass(mutates_CFG=True, analysis_only=False)
@@ -46,6 +86,7 @@ class InlinedLowering(_Lowering):  # type: ignore[misc]
     """Lowers a function into such a library; its entry from Python cannot be called."""
 
     _name = "inlined_lowering"
+    lowering_class = Lower
 
     def run_pass(self, state: Any) -> bool:
         """Lower the function."""
@@ -61,19 +102,42 @@ class InlinedLowering(_Lowering):  # type: ignore[misc]
         return True
 
 
+@_machinery.register_pass(mutates_CFG=True, analysis_only=False)
+class CallerLowering(_Lowering):  # type: ignore[misc]
+    """Lowers a function into such a library."""
+
+    _name = "caller_lowering"
+    lowering_class = Lower
+
+    def run_pass(self, state: Any) -> bool:
+        """Lower the function."""
+        make: Any = CallerLibrary
+        state.library = make(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return bool(super().run_pass(state))
+
+
 class InlinedCompiler(_compiler.CompilerBase):  # type: ignore[misc]
     """numba's passes with this lowering, and without what steps have no use for."""
+
+    lowering = InlinedLowering
 
     def define_pipelines(self) -> list[Any]:
         """Return the one pipeline."""
         pipeline = _compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
         pipeline.passes = [
-            (InlinedLowering if each is typed_passes.NativeLowering else each, text)
+            (self.lowering if each is typed_passes.NativeLowering else each, text)
             for each, text in pipeline.passes
             if each not in _OMITTED
         ]
         pipeline.finalize()
         return [pipeline]
+
+
+class CallerCompiler(InlinedCompiler):
+    """The same for a function that calls them."""
+
+    lowering = CallerLowering
 
 
 INLINE: Any = {
