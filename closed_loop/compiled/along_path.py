@@ -44,21 +44,6 @@ def _fill(
         )
 
 
-def curvatures_ahead_1_m(
-    path: Path,
-    arc_lengths_m: FloatArray,
-    spacing_m: float,
-    values: int,
-    low_1_m: float,
-    high_1_m: float,
-) -> FloatArray:
-    """Return ``sensors.path_ahead.curvatures_ahead_1_m`` of every place, shape (places, values)."""
-    ahead_m = np.arange(values) * spacing_m
-    pieces, along_m = _located(path, arc_lengths_m[:, np.newaxis] + ahead_m)
-    slopes_1_m2, curvatures_1_m = map(np.asarray, (path.curvature_slope_1_m2, path.curvature_1_m))
-    return np.clip(curvatures_1_m[pieces] + slopes_1_m2[pieces] * along_m, low_1_m, high_1_m)
-
-
 def _located(path: Path, arc_length_m: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the piece that holds each point, and its distance from the piece's start [m]."""
     if path.closed:

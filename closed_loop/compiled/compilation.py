@@ -38,11 +38,10 @@ _VERSIONS_KEPT = 4
 _UNUSED_S = 3600.0
 """Code of other versions stays for this long: a process that started with it may still compile."""
 _PACKAGE = Path(__file__).resolve().parents[2]
-_OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
+_OPTIONS = {"nogil": True, "no_cfunc_wrapper": True, "pipeline_class": CallerCompiler}
 """Without the entry for callers in C, which is slow to compile."""
 _DIGEST_LENGTH = hashlib.sha256().digest_size
-_UNCOUNTED = {"_nrt": False, "pipeline_class": CallerCompiler}
-_COUNTED = {"_nrt": True}
+_UNCOUNTED, _COUNTED = {"_nrt": False}, {"_nrt": True}
 """Whether arrays have reference counts; without them nothing can make an array."""
 
 
@@ -123,7 +122,8 @@ def compiled_for_process(made: Any) -> Any:
 
     For steps from files whose content is not part of the folder's name. They may make arrays.
     """
-    again: Any = numba.jit(**{**made.targetoptions, **_COUNTED})(made.py_func)
+    options = {**made.targetoptions, **_COUNTED, "pipeline_class": CallerCompiler}
+    again: Any = numba.jit(**options)(made.py_func)
     return again
 
 

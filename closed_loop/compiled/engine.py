@@ -24,7 +24,7 @@ from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
 from ...plant_emulator.vehicle.car.car_design import car_motion_params
-from ...plant_emulator.vehicle.car.car_motion import CarInterval, CarMotionParams, GripPatch
+from ...plant_emulator.vehicle.car.car_motion import CarInterval, GripPatch
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.car.speed_control import SpeedLeg
 from ...plant_emulator.vehicle.car.steering_health import Failure
@@ -43,9 +43,28 @@ from ...runtime.settings.plugin import Part
 from .along_path import cg_deviations_m
 from .hand_wheel import Wheel, wheel_of
 from .law_code import CompiledLaw, LawCode, compiled_law
-from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, Inbox, quantised
-from .loop import COMPLETE, LAW_FAILED, OVERRULED, SPEED_CHANGED, TAKEN_OVER, run_segment
-from .loop_records import Constants, Instants, Records, Segment, empty_records
+from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, quantised
+from .loop import COMPLETE, IS_OVERRULED, LAW_FAILED, SPEED_CHANGED, TAKEN_OVER, run_segment
+from .loop_records import (
+    ARC_LENGTH,
+    CURVATURE,
+    ERROR,
+    HEADING,
+    LAW_OUTPUT,
+    MEASURED,
+    SENT,
+    SPEED,
+    STATE_SAMPLE,
+    TICK_SAMPLE,
+    WHEEL,
+    YAW_RATE,
+    Constants,
+    Inbox,
+    Instants,
+    Records,
+    Segment,
+    empty_records,
+)
 from .memory import KEPT_BYTES, memory_of, unpacked
 from .schedule import (
     RunSchedule,
@@ -70,7 +89,6 @@ _MOTIONS_KEPT = 32
 """Motions cached for the next run with the same plant: about 2 MB each."""
 
 
-_NONE = np.empty(0, dtype=np.int64)
 _SLOWEST_M_S = 1.5 * NOT_FORWARD_M_S
 
 
@@ -91,7 +109,7 @@ class StandingNotCompiledError(SettingsError):
 
 
 class _OverruledError(Exception):
-    """The steering overrules a command, in a run without ``Instants.tick_status``."""
+    """The steering overrules a command, in a run without the status in use."""
 
 
 class Outcome(StrEnum):
@@ -231,14 +249,13 @@ def run_compiled(
     wheel = None
     if hand_wheel is not None and schedule.wheel is not None:
         wheel = wheel_of(plant, controller, hand_wheel, schedule.wheel)
-        tick_status = schedule.measurements.status_in_use
-        return _run_whole(law, schedule, plant, controller, wheel, tick_status=tick_status)
+        return _run_whole(law, schedule, plant, controller, wheel, knows_status=True)
     needed = law, schedule, plant, controller, wheel
     try:
-        return _run_whole(*needed, tick_status=_NONE)
+        return _run_whole(*needed, knows_status=False)
     except _OverruledError:
         # Few runs need it, and it costs a third of one.
-        return _run_whole(*needed, tick_status=schedule.measurements.status_in_use)
+        return _run_whole(*needed, knows_status=True)
 
 
 def _refuse_hand_wheel(
@@ -275,23 +292,25 @@ def _run_whole(
     controller: ControllerSettings,
     wheel: Wheel | None,
     *,
-    tick_status: IntArray,
+    knows_status: bool,
 ) -> CompiledRun:
     """Run from the start to the end. Raises _OverruledError."""
     design, motion = law.design, compiled_motion(plant)
-    inbox = inbox_of(plant, controller, schedule, motion) if design.reads_history else None
-    records = empty_records(len(schedule.sample_ns), len(schedule.tick_ns), motion.speed_m_s)
-    is_needed = plant.car is not None or design.looks_back
-    states = schedule.measurements.vehicle_in_use if is_needed else (_NONE, _NONE)
-    instants = Instants(*schedule[:6], tick_status, *states)
+    inbox = inbox_of(plant, controller, schedule) if design.reads_history else None
+    instants, received = schedule.instants, schedule.measurements
+    records = empty_records(len(instants.sample_ns), instants.ticks.shape[1])
+    if knows_status:
+        instants = instants._replace(in_use=received.status_in_use)
+    elif plant.car is not None or design.looks_back:
+        instants = instants._replace(in_use=received.vehicle_in_use)
     reads_speed = design.params_at is not None
     constants = _constants(plant, controller, schedule, reads_speed=reads_speed)
     world = (motion, constants, instants, records, inbox, wheel)
     samples, ticks, code = _run(law, world, schedule, plant, controller)
-    if code == OVERRULED:
+    if code == IS_OVERRULED:
         raise _OverruledError
     if plant.safety.stop_m_s2 is not None and samples:
-        slowest_m_s = float(records.speed_m_s[:samples].min())
+        slowest_m_s = float(records.samples[SPEED, :samples].min())
         if slowest_m_s < _SLOWEST_M_S:
             raise StandingNotCompiledError(
                 f"safety.stop_m_s2: the fallback has braked the car to {slowest_m_s:.2f} m/s, and"
@@ -318,7 +337,7 @@ def _run(
     params, memory = law.params_at(speed_m_s), memory_of(law.memory)
     state, state_at = memory.array["state"], memory.address + KEPT_BYTES
     code = LawCode(law.step, law.plan, params.address, state_at, memory.address)
-    segments = schedule.segments if len(schedule.tick_ns) else ()
+    segments = schedule.segments if instants.ticks.size else ()
     before, is_start = Mode.WAITING, True
 
     def start_law(error_m: float) -> None:
@@ -331,12 +350,12 @@ def _run(
         segments = (Segment(int(Mode.WAITING), 0, 0, False), *segments)
     for segment in segments:
         if segment.mode == Mode.ACTIVE:
-            sample = schedule.tick_sample[segment.first_tick]
+            sample = instants.ticks[TICK_SAMPLE, segment.first_tick]
             if is_start:  # a vehicle that stands
-                reading_m = motion.lateral_error_m + schedule.noise_m[sample]
+                reading_m = motion.lateral_error_m + instants.noise_m[sample]
                 error_m = quantised(reading_m, LATERAL_ERROR_RESOLUTION_M)
             else:
-                error_m = float(records.measured_m[sample])
+                error_m = float(records.samples[MEASURED, sample])
             start_law(error_m)
         before = Mode(segment.mode)
         while True:
@@ -349,17 +368,18 @@ def _run(
                 if controller.law_record.number is not LawNumber.CUSTOM:
                     raise
                 # As an output without numbers: the run ends at that tick.
-                return _filled(records.lateral_error_m), _filled(records.sent_rad), LAW_FAILED
+                return _filled(records.samples[ERROR]), _filled(records.ticks[SENT]), LAW_FAILED
             is_start = False
             if outcome == TAKEN_OVER:
-                start_law(float(records.measured_m[schedule.tick_sample[ticks - 1]]))
+                sample = instants.ticks[TICK_SAMPLE, ticks - 1]
+                start_law(float(records.samples[MEASURED, sample]))
                 segment = segment._replace(first_tick=ticks, is_recovery=True)
                 continue
             if outcome != SPEED_CHANGED:
                 break
             is_recovery = segment.is_recovery and ticks == segment.first_tick
             segment = segment._replace(first_tick=ticks, is_recovery=is_recovery)
-            known_m_s = records.speed_m_s[instants.tick_state[ticks]]
+            known_m_s = records.samples[SPEED, instants.in_use[STATE_SAMPLE, ticks]]
             constants = _at_speed(constants, controller, quantised_speed_m_s(known_m_s))
             params = law.params_at(constants.speed_m_s)
             code = code._replace(params=params.address)
@@ -414,26 +434,24 @@ def _collected(
     outcome: Outcome,
 ) -> CompiledRun:
     first = len(schedule.sample_ns) - len(schedule.time_s)
-    if outcome is Outcome.LEFT_RANGE and not math.isfinite(r.lateral_error_m[samples - 1]):
+    if outcome is Outcome.LEFT_RANGE and not math.isfinite(r.samples[ERROR, samples - 1]):
         samples -= 1  # a car that has left its path
     window, steered = slice(first, samples), slice(schedule.first_tick, ticks)
-    arc_length_m = r.arc_length_m[window]
-    if not isinstance(motion, CarMotionParams):
-        arc_length_m = motion.speed_m_s * schedule.motion_s[window]
+    of_samples = r.samples[:, window]
     return CompiledRun(
         outcome=outcome,
         time_s=schedule.time_s[: samples - first],
-        lateral_error_m=r.lateral_error_m[window],
-        heading_error_rad=r.heading_error_rad[window],
-        yaw_rate_rad_s=r.yaw_rate_rad_s[window],
-        wheel_angle_rad=r.wheel_angle_rad[window],
-        curvature_1_m=r.curvature_1_m[window],
-        arc_length_m=arc_length_m,
-        speed_m_s=r.speed_m_s[window],
+        lateral_error_m=of_samples[ERROR],
+        heading_error_rad=of_samples[HEADING],
+        yaw_rate_rad_s=of_samples[YAW_RATE],
+        wheel_angle_rad=of_samples[WHEEL],
+        curvature_1_m=of_samples[CURVATURE],
+        arc_length_m=of_samples[ARC_LENGTH],
+        speed_m_s=of_samples[SPEED],
         command=r.command[window],
         tick_s=schedule.tick_s[steered],
-        sent_rad=r.sent_rad[steered],
-        law_output=r.law_output[steered],
+        sent_rad=r.ticks[SENT, steered],
+        law_output=r.ticks[LAW_OUTPUT:, steered].T,
         played_rad=None if played_rad is None else played_rad[window],
         schedule=schedule,
         motion=motion,

@@ -73,6 +73,7 @@ from .law_input import (
     speed_on_wire_m_s,
     wheel_on_wire_rad,
 )
+from .loop_records import CURVATURE, HEADING, MEASURED, SPEED, WHEEL
 from .step_functions import register
 
 if TYPE_CHECKING:
@@ -302,15 +303,15 @@ def _cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
     error_m = heading_rad = curvature_1_m = road_wheel_rad = force_n = 0.0
     speed_m_s, sample = w.speed_m_s, e.error_sample[cycle]
     if sample >= 0:
-        error_m = r.measured_m[sample]
-        heading_rad = heading_on_wire_rad(r.heading_error_rad[sample], e.heading_noise_rad[sample])
+        error_m = r.samples[MEASURED, sample]
+        heading_rad = heading_on_wire_rad(r.samples[HEADING, sample], e.heading_noise_rad[sample])
     sample = e.vehicle_sample[cycle]
     if sample >= 0:
-        curvature_1_m = curvature_on_wire_1_m(r.curvature_1_m[sample])
-        speed_m_s = speed_on_wire_m_s(r.speed_m_s[sample])
+        curvature_1_m = curvature_on_wire_1_m(r.samples[CURVATURE, sample])
+        speed_m_s = speed_on_wire_m_s(r.samples[SPEED, sample])
     sample = e.status_sample[cycle]
     if sample >= 0:
-        road_wheel_rad = wheel_on_wire_rad(r.wheel_angle_rad[sample])
+        road_wheel_rad = wheel_on_wire_rad(r.samples[WHEEL, sample])
     if e.force_sample[cycle] >= 0:
         force_n = w.force_n[e.force_sample[cycle]]
     sight = Sight(error_m, heading_rad, curvature_1_m, speed_m_s, w.preview_m)
@@ -386,7 +387,7 @@ def _decide(
     takes_over = before != _LAW and steering.steered_by == _LAW and can_steer
     if steering.steered_by != _LAW:
         sample = e.tick_wheel[tick]
-        wanted_rad = wheel_on_wire_rad(r.wheel_angle_rad[sample]) if sample >= 0 else 0.0
+        wanted_rad = wheel_on_wire_rad(r.samples[WHEEL, sample]) if sample >= 0 else 0.0
     elif takes_over:
         wanted_rad = sent_rad
     after = WheelProgress(

@@ -70,14 +70,9 @@ class CallerLibrary(_Library):  # type: ignore[misc]
 
     def finalize(self) -> None:
         """Link what callees call, too."""
-        reached = dict.fromkeys(self._linking_libraries)
-        waiting = list(reached)
-        while waiting:
-            for library in waiting.pop()._linking_libraries:
-                if library not in reached:
-                    reached[library] = None
-                    waiting.append(library)
-        self._linking_libraries = list(reached)
+        libraries: list[Any] = self._linking_libraries
+        for library in libraries:  # which grows
+            libraries += [one for one in library._linking_libraries if one not in libraries]
         super().finalize()
 
 

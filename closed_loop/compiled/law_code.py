@@ -14,7 +14,7 @@ from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber
 from ...runtime.settings import SettingsError
 from .compilation import compiled_for_process, compiled_inside
-from .law_input import NOW_UNKNOWN
+from .loop_records import NOW_UNKNOWN
 from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, with_tables, write
 from .schedule import empty_rings
 from .step_functions import law_plan, law_step, register_law, register_steps

@@ -7,22 +7,13 @@ to the steps of ``controller.history.history``.
 """
 
 import math
-from collections.abc import Callable
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numba import types
-from numba.extending import overload, register_jitable
+from numba.extending import register_jitable
 
 from ...controller.history.history import (
-    NO_COMMANDS,
-    NO_ECHOES,
-    NO_ERRORS,
-    Commands,
-    Echoes,
-    Errors,
-    HistoryParams,
     command_step,
     echo_step,
     error_step,
@@ -30,7 +21,7 @@ from ...controller.history.history import (
     path_step,
 )
 from ...controller.history.plan import ROW_LENGTH, limit_plan
-from ...controller.law_interface import NO_HISTORY, History, LoopDelay, VehicleReading
+from ...controller.law_interface import VehicleReading
 from ...controller.limits.steer_limits import SteerLimits
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
@@ -48,13 +39,27 @@ from ...plant_emulator.sensors.path_ahead import CURVATURES
 from ...plant_emulator.steering.control_unit import status_of
 from ...plant_emulator.steering.hold_and_fallback import GuardState
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
-from ...plant_emulator.vehicle.car.car_motion import CarMotionParams
 from ...plant_emulator.vehicle.exact_propagation import LinearState
-from ...runtime.array_types import FloatArray, IntArray
 from .along_path import write_ahead_1_m
 from .inlined_functions import INLINE
-from .memory import write
-from .step_functions import place_of, register
+from .loop_records import (
+    ARRIVED_NS,
+    MEASURED,
+    MESSAGE,
+    OF_SAMPLE,
+    SEEN_CURVATURE,
+    SEEN_HEADING,
+    SEEN_SPEED,
+    SEEN_WHEEL,
+    SEEN_YAW_RATE,
+    SENT_AT,
+    Inbox,
+    Instants,
+    Known,
+    Now,
+    Records,
+)
+from .step_functions import register
 
 
 class Uplink(IntEnum):
@@ -85,67 +90,6 @@ _AHEAD_LOW, _AHEAD_HIGH = CURVATURES
 PATH_RESOLUTION_1_M = resolutions(PathAhead)["curvature_0_1_m"]
 _CURVATURE_RESOLUTION_1_M = resolutions(VehicleState)["preview_curvature_1_m"]
 _CURVATURE_1_M_MAX = limits(VehicleState)["preview_curvature_1_m"].maximum
-
-
-class Inbox(NamedTuple):
-    """The controller's input: arrays of shape (arrivals,), then of shape (samples,), then numbers.
-
-    ``arrival_*``       messages that the controller accepts, by ``Uplink``, in order of arrival
-    ``measured_*``      as the bus carries them, like ``wheel_rad``; written during the run, but a
-                        constant speed and what is ahead on the path before it
-    ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written during the run
-    ``buffer``          the plan that the plant plays, as the bus carries it: values of its row
-    ``path_ahead_1_m``  values of each PATH_AHEAD, as on the wire; one of every ``samples_per_path``
-    ``played_rad``      what a plan has let act at a sample, else NaN; written during the run
-    """
-
-    params: HistoryParams
-    rings: History
-    arrival_ns: IntArray
-    arrival_message: IntArray
-    arrival_sample: IntArray
-    heading_noise_rad: FloatArray
-    yaw_rate_noise_rad_s: FloatArray
-    measured_heading_rad: FloatArray
-    measured_yaw_rate_rad_s: FloatArray
-    measured_curvature_1_m: FloatArray
-    wheel_rad: FloatArray
-    status: IntArray
-    measured_speed_m_s: FloatArray
-    periods_per_sample: float
-    buffer: FloatArray
-    played_rad: FloatArray
-    samples_per_path: int
-    path_spacing_m: float
-    path_ahead_1_m: FloatArray
-
-
-class Known(NamedTuple):
-    """What the controller has received.
-
-    ``arrivals``    messages that have arrived so far
-    ``vehicle_*``   sample and arrival of the newest VEHICLE_STATE, -1 for none
-    ``path_end``    as in ``LoopDelay``
-    """
-
-    arrivals: int
-    errors: Errors
-    echoes: Echoes
-    commands: Commands
-    vehicle_sample: int
-    vehicle_ns: int
-    path_end: int
-
-
-class Now(NamedTuple):
-    """What the controller knows at a tick, besides errors and commands."""
-
-    vehicle: VehicleReading
-    loop_delay: LoopDelay
-
-
-NOW_UNKNOWN = Now(VehicleReading(0.0, 0.0, 0.0, False), LoopDelay(0, -1, -1, 0.0, False, -1))
-NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1, -1)
 
 
 def quantised(value: float, resolution: float) -> float:
@@ -180,25 +124,6 @@ def wheel_on_wire_rad(wheel_rad: float) -> float:
     return quantised(clamped_rad, _WHEEL_RESOLUTION_RAD)
 
 
-def _nothing(*_: Any) -> None:
-    """Do nothing."""
-
-
-def _choosing(
-    with_inbox: Callable[..., Any], without: Callable[..., Any] = _nothing
-) -> Callable[..., Any]:
-    """Return a function for compiled code: ``with_inbox``, or ``without`` an inbox."""
-
-    def chosen(*_: Any) -> Any:
-        raise NotImplementedError("for compiled code")
-
-    def of_type(inbox: Any, *_: Any) -> Callable[..., Any]:
-        return without if isinstance(inbox, types.NoneType) else with_inbox
-
-    overload(chosen, strict=False, jit_options=INLINE)(of_type)
-    return chosen
-
-
 @register_jitable(**INLINE)
 def _in_one_turn(angle_rad: float) -> float:
     """Return ``math.remainder(angle_rad, math.tau)``, which does not compile; exact, too."""
@@ -216,20 +141,25 @@ def heading_on_wire_rad(heading_rad: float, noise_rad: float) -> float:
     return quantised(_in_one_turn(heading_rad + noise_rad), _HEADING_RESOLUTION_RAD)
 
 
-def _record(inbox: Inbox, sample: int, z: LinearState, guard: GuardState) -> None:
+@register_jitable(**INLINE)
+def record_signals(inbox: Inbox, sample: int, z: LinearState, guard: GuardState) -> None:
+    """Record the signals of a sample other than the lateral error and the speed."""
     _, yaw_rate_rad_s, heading_rad, _, wheel_rad, _, curvature_1_m, _, _, _ = z
-    noise_rad = inbox.heading_noise_rad[sample]
-    yaw_rate_rad_s = yaw_rate_rad_s + inbox.yaw_rate_noise_rad_s[sample]
+    at, signals = np.uintp(sample), inbox.signals
+    noise_rad = inbox.noise[SEEN_HEADING, at]
+    yaw_rate_rad_s = yaw_rate_rad_s + inbox.noise[SEEN_YAW_RATE, at]
     yaw_rate_rad_s = min(max(yaw_rate_rad_s, -_YAW_RATE_RAD_S_MAX), _YAW_RATE_RAD_S_MAX)
-    inbox.measured_heading_rad[sample] = heading_on_wire_rad(heading_rad, noise_rad)
-    inbox.measured_yaw_rate_rad_s[sample] = quantised(yaw_rate_rad_s, _YAW_RATE_RESOLUTION_RAD_S)
-    inbox.measured_curvature_1_m[sample] = curvature_on_wire_1_m(curvature_1_m)
-    inbox.wheel_rad[sample] = wheel_on_wire_rad(wheel_rad)
-    inbox.status[sample] = status_of(guard, False)
+    signals[SEEN_HEADING, at] = heading_on_wire_rad(heading_rad, noise_rad)
+    signals[SEEN_YAW_RATE, at] = quantised(yaw_rate_rad_s, _YAW_RATE_RESOLUTION_RAD_S)
+    signals[SEEN_CURVATURE, at] = curvature_on_wire_1_m(curvature_1_m)
+    signals[SEEN_WHEEL, at] = wheel_on_wire_rad(wheel_rad)
+    inbox.status[at] = status_of(guard, False)
 
 
-def _record_ahead(inbox: Inbox, p: Any, sample: int, arc_length_m: float, speed: float) -> None:
-    inbox.measured_speed_m_s[sample] = speed_on_wire_m_s(speed)
+@register_jitable(**INLINE)
+def record_ahead(inbox: Inbox, p: Any, sample: int, arc_length_m: float, speed_m_s: float) -> None:
+    """Record the speed of a sample, and what is ahead on the path."""
+    inbox.signals[SEEN_SPEED, sample] = speed_on_wire_m_s(speed_m_s)
     if len(inbox.path_ahead_1_m) > 0 and sample % inbox.samples_per_path == 0:
         row = inbox.path_ahead_1_m[sample // inbox.samples_per_path]
         write_ahead_1_m(p.path, arc_length_m, inbox.path_spacing_m, row, _AHEAD_LOW, _AHEAD_HIGH)
@@ -237,28 +167,30 @@ def _record_ahead(inbox: Inbox, p: Any, sample: int, arc_length_m: float, speed:
             row[index] = quantised(row[index], PATH_RESOLUTION_1_M)
 
 
-def _take_arrivals(inbox: Inbox, x: Known, s: Any, r: Any, now_ns: int) -> Known:
+@register_jitable(**INLINE)
+def take_arrivals(inbox: Inbox, x: Known, s: Instants, r: Records, now_ns: int) -> Known:
+    """Return the knowledge with all arrivals up to now."""
     arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end = x
-    params, rings = inbox.params, inbox.rings
-    while arrivals < len(inbox.arrival_ns) and inbox.arrival_ns[arrivals] <= now_ns:
-        came_ns, sample = inbox.arrival_ns[arrivals], inbox.arrival_sample[arrivals]
-        message, counter = inbox.arrival_message[arrivals], sample % COUNTERS
+    params, rings, signals = inbox.params, inbox.rings, inbox.signals
+    while arrivals < inbox.arrivals.shape[1] and inbox.arrivals[ARRIVED_NS, arrivals] <= now_ns:
+        came_ns, sample = inbox.arrivals[ARRIVED_NS, arrivals], inbox.arrivals[OF_SAMPLE, arrivals]
+        message, counter = inbox.arrivals[MESSAGE, arrivals], sample % COUNTERS
         if message == _LATERAL_ERROR:
-            error_m, heading_rad = r.measured_m[sample], inbox.measured_heading_rad[sample]
+            error_m, heading_rad = r.samples[MEASURED, sample], signals[SEEN_HEADING, sample]
             errors = error_step(
                 params, rings, errors, echoes, counter, error_m, heading_rad, came_ns
             )
         elif message == _STEERING_STATUS:
             command = r.command[sample]
-            applied = s.command_tick[command] % COMMAND_COUNTERS if command >= 0 else 0
-            code, wheel_rad = inbox.status[sample], inbox.wheel_rad[sample]
+            applied = s.commands[SENT_AT, command] % COMMAND_COUNTERS if command >= 0 else 0
+            code, wheel_rad = inbox.status[sample], signals[SEEN_WHEEL, sample]
             echoes = echo_step(
                 params, rings, echoes, errors, commands, counter, applied, code, wheel_rad, came_ns
             )
         elif message == _VEHICLE_STATE:
             vehicle_sample, vehicle_ns = sample, came_ns
         else:
-            speed_m_s = inbox.measured_speed_m_s[vehicle_sample] if vehicle_sample >= 0 else 0.0
+            speed_m_s = signals[SEEN_SPEED, vehicle_sample] if vehicle_sample >= 0 else 0.0
             ahead_1_m = inbox.path_ahead_1_m[sample // inbox.samples_per_path]
             path_end = path_step(
                 params, rings, path_end, errors, counter, inbox.path_spacing_m, ahead_1_m, speed_m_s
@@ -267,21 +199,26 @@ def _take_arrivals(inbox: Inbox, x: Known, s: Any, r: Any, now_ns: int) -> Known
     return Known(arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end)
 
 
-def _take_command(inbox: Inbox, x: Known, tick: int, sent_rad: float, is_planned: bool) -> Known:
+@register_jitable(**INLINE)
+def with_command(inbox: Inbox, x: Known, tick: int, sent_rad: float, is_planned: bool) -> Known:
+    """Return the knowledge with a tick's command."""
     commands = command_step(inbox.rings, x.commands, tick, sent_rad, is_planned)
     return Known(
         x.arrivals, x.errors, x.echoes, commands, x.vehicle_sample, x.vehicle_ns, x.path_end
     )
 
 
-def _write_plan(inbox: Inbox, limits: SteerLimits, acting: int, tick: int) -> None:
-    if acting >= 0:
-        plans, mask = inbox.rings.plans, len(inbox.rings.plans) - 1
-        row, before = plans[tick & mask], plans[(tick - 1) & mask]
-        limit_plan(limits, inbox.periods_per_sample, acting, before, row)
+@register_jitable(**INLINE)
+def limit_plan_of(inbox: Inbox, limits: SteerLimits, acting: int, tick: int) -> None:
+    """Limit the plan of a tick."""
+    plans, mask = inbox.rings.plans, len(inbox.rings.plans) - 1
+    row, before = plans[tick & mask], plans[(tick - 1) & mask]
+    limit_plan(limits, inbox.periods_per_sample, acting, before, row)
 
 
-def _carries_plan(inbox: Inbox, tick: int) -> bool:
+@register_jitable(**INLINE)
+def carries_plan(inbox: Inbox, tick: int) -> bool:
+    """Return whether a tick has sent a plan, which the plant's buffer then holds."""
     row = inbox.rings.plans[tick & (len(inbox.rings.plans) - 1)]
     if len(inbox.rings.plans) == 1 or row[1] == 0.0:
         return False
@@ -291,7 +228,9 @@ def _carries_plan(inbox: Inbox, tick: int) -> bool:
     return True
 
 
-def _play(inbox: Inbox, sample: int) -> float:
+@register_jitable(**INLINE)
+def play(inbox: Inbox, sample: int) -> float:
+    """Return what the buffer has for a sample, NaN for nothing [rad]."""
     age, spacing = (sample - int(inbox.buffer[0])) % COUNTERS, int(inbox.buffer[1])
     if has_run_out(age, spacing):
         return math.nan
@@ -299,74 +238,17 @@ def _play(inbox: Inbox, sample: int) -> float:
     return planned_rad(age, spacing, values_rad)
 
 
-def _record_played(inbox: Inbox, sample: int, steer_rad: float) -> None:
-    inbox.played_rad[sample] = steer_rad
-
-
-def _note_vehicle(
-    _inbox: None, now: Any, _x: None, s: Any, r: Any, tick: int, _now_ns: int
-) -> None:
-    if len(s.tick_state) > 0 and s.tick_state[tick] >= 0:
-        sample = np.uintp(s.tick_state[tick])
-        speed_m_s = speed_on_wire_m_s(r.speed_m_s[sample])
-        curvature_1_m = curvature_on_wire_1_m(r.curvature_1_m[sample])
-        vehicle = VehicleReading(speed_m_s, 0.0, curvature_1_m, s.tick_is_stale[tick] != 0)
-        write(now, Now(vehicle, NOW_UNKNOWN.loop_delay))
-
-
-def _note_now(inbox: Inbox, now: Any, x: Known, _s: Any, _r: Any, tick: int, now_ns: int) -> None:
+@register_jitable(**INLINE)
+def known_now(inbox: Inbox, x: Known, tick: int, now_ns: int) -> Now:
+    """Return what is known at a tick."""
     speed_m_s = yaw_rate_rad_s = curvature_1_m = 0.0
     is_stale = False
     if x.vehicle_sample >= 0:
-        speed_m_s = inbox.measured_speed_m_s[x.vehicle_sample]
-        yaw_rate_rad_s = inbox.measured_yaw_rate_rad_s[x.vehicle_sample]
-        curvature_1_m = inbox.measured_curvature_1_m[x.vehicle_sample]
+        speed_m_s = inbox.signals[SEEN_SPEED, x.vehicle_sample]
+        yaw_rate_rad_s = inbox.signals[SEEN_YAW_RATE, x.vehicle_sample]
+        curvature_1_m = inbox.signals[SEEN_CURVATURE, x.vehicle_sample]
         is_stale = now_ns - x.vehicle_ns > inbox.params.limits.vehicle_state_ns
     loop_delay = loop_delay_at(
         inbox.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns
     )
-    write(now, Now(VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), loop_delay))
-
-
-record_signals = _choosing(_record)
-"""(inbox, sample, linear, guard): records the signals of a sample other than the lateral error."""
-take_arrivals = _choosing(_take_arrivals)
-"""(inbox, known, schedule, records, now_ns): returns the knowledge with all arrivals up to now."""
-take_command = _choosing(_take_command)
-"""(inbox, known, tick, sent_rad, is_planned): returns the knowledge with a tick's command."""
-write_plan = _choosing(_write_plan)
-"""(inbox, limits, acting, tick): limits the plan of a tick, if there is one."""
-carries_plan = _choosing(_carries_plan, lambda *_: False)
-"""(inbox, tick): whether a tick has sent a plan, which the plant's buffer then holds."""
-play = _choosing(_play, lambda *_: math.nan)
-"""(inbox, sample): returns what the buffer has for a sample, NaN for nothing [rad]."""
-record_played = _choosing(_record_played)
-"""(inbox, sample, steer_rad): records what a plan lets act at a sample."""
-nothing_known = _choosing(lambda _inbox: NOTHING_KNOWN)
-"""(inbox): returns the knowledge at the start."""
-inbox_history = _choosing(lambda inbox: inbox.rings, lambda _inbox: NO_HISTORY)
-"""(inbox): returns the history that laws read."""
-note_now = _choosing(_note_now, _note_vehicle)
-"""(inbox, now, known, schedule, records, tick, now_ns): writes what is known at a tick."""
-
-
-_record_ahead_if_read = _choosing(_record_ahead)
-
-
-def record_place(*_: Any) -> Any:
-    """Record the place and the speed of a car, for compiled code; takes ``_record_place``'s.
-
-    Those of a linear vehicle are known beforehand.
-    """
-    raise NotImplementedError("for compiled code")
-
-
-def _record_place(params: Any, inbox: Any, r: Any, sample: int, x: Any) -> None:
-    arc_length_m, speed_m_s = place_of(params, x)
-    r.arc_length_m[sample], r.speed_m_s[sample] = arc_length_m, speed_m_s
-    _record_ahead_if_read(inbox, params, sample, arc_length_m, speed_m_s)
-
-
-@overload(record_place, strict=False, jit_options=INLINE)
-def _record_place_of_car(params: Any, *_: Any) -> Callable[..., Any]:
-    return _record_place if params.instance_class is CarMotionParams else _nothing
+    return Now(VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), loop_delay)

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
+from ...controller.law_interface import NO_HISTORY, VehicleReading
 from ...controller.limits.fades_and_ramps import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
 from ...dbc.messages import Mode
@@ -55,36 +56,75 @@ from .law_code import NO_OUTPUT, LawCode
 from .law_input import (
     LATERAL_ERROR_M_MAX,
     LATERAL_ERROR_RESOLUTION_M,
-    NOW_UNKNOWN,
     STEER_RESOLUTION_RAD,
     carries_plan,
-    inbox_history,
-    note_now,
-    nothing_known,
+    curvature_on_wire_1_m,
+    known_now,
+    limit_plan_of,
     play,
     quantised,
-    record_place,
-    record_played,
+    record_ahead,
     record_signals,
     speed_on_wire_m_s,
     take_arrivals,
-    take_command,
     wheel_on_wire_rad,
-    write_plan,
+    with_command,
 )
-from .loop_records import WAITING, Constants, Instants, Kept, Progress, Records, Segment
+from .loop_records import (
+    ARC_LENGTH,
+    CURVATURE,
+    DUE_NS,
+    ERROR,
+    HEADING,
+    LAW_OUTPUT,
+    MEASURED,
+    NOTHING_KNOWN,
+    NOW_UNKNOWN,
+    OVERRULED,
+    SENT,
+    SENT_AT,
+    SPEED,
+    STATE_IS_STALE,
+    STATE_SAMPLE,
+    STATUS_SAMPLE,
+    TICK_NS,
+    TICK_SAMPLE,
+    WAITING,
+    WHEEL,
+    YAW_RATE,
+    Constants,
+    Inbox,
+    Instants,
+    Kept,
+    Now,
+    Progress,
+    Records,
+    Segment,
+)
 from .memory import at, called, placed, read, write
-from .step_functions import advance_motion, brake_motion, command_motion, start_motion
+from .step_functions import (
+    advance_motion,
+    brake_motion,
+    chosen_by_type,
+    command_motion,
+    place_of,
+    start_motion,
+)
 
-COMPLETE, LEFT_RANGE, LAW_FAILED, OVERRULED, SPEED_CHANGED, TAKEN_OVER = range(6)
+COMPLETE, LEFT_RANGE, LAW_FAILED, IS_OVERRULED, SPEED_CHANGED, TAKEN_OVER = range(6)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
-is not finite; with a command that the steering overrules, in a run without ``tick_status``; with a
+is not finite; with one that the steering overrules, in a run without the status in use; with a
 speed that the controller did not know before, at a tick that is to be run once more; with the law
 that steers in the driver's place from the next tick on."""
 
 _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
 _HOLDING, _FALLBACK = int(GuardMode.HOLDING), int(GuardMode.FALLBACK)
 _NEWEST = WAITING - 1
+
+_KNOWN = {Inbox: lambda _: NOTHING_KNOWN, None: lambda _: None}
+_RINGS = {Inbox: lambda inbox: inbox.rings, None: lambda _: NO_HISTORY}
+_nothing_known, _rings = chosen_by_type(_KNOWN.get), chosen_by_type(_RINGS.get)
+"""(inbox): returns the knowledge at the start, and the history that laws read."""
 
 
 @register_jitable(**INLINE)
@@ -119,25 +159,25 @@ def _plant_until(
         command_ns = sample_ns = waiting_ns = to_ns + 1
         # An unsigned index needs no test for negative values, which would cost a twentieth.
         of, at = np.uintp(command), np.uintp(sample)
-        if command < len(s.command_due_ns) and s.command_tick[of] < ticks_done:
-            command_ns = s.command_due_ns[of]
+        if command < s.commands.shape[1] and s.commands[SENT_AT, of] < ticks_done:
+            command_ns = s.commands[DUE_NS, of]
         if sample < len(s.sample_ns):
             sample_ns = s.sample_ns[at]
         if acting < given:
             waiting_ns = c.motion_start_ns + r.waiting_ns[np.uintp(acting & _NEWEST)]
         guard_ns = c.motion_start_ns + guard.deadline_ns
-        wheel_ns = next_ns(wheel, hands, ticks_done, to_ns)
+        wheel_ns = to_ns + 1 if wheel is None else next_ns(wheel, hands, ticks_done, to_ns)
         is_idle = command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns
         if is_idle and waiting_ns > to_ns and (wheel is None or wheel_ns > to_ns):
             break
-        times = command_ns, min(sample_ns, guard_ns)
-        turns = wheel is not None and wheel_ns <= to_ns
-        turns = turns and is_turn(wheel, hands, wheel_ns, command, times)
-        turns_wheel = turns and is_steering(wheel, hands, wheel_ns)
+        turns = turns_wheel = False
+        if wheel is not None and wheel_ns <= to_ns:
+            times = command_ns, min(sample_ns, guard_ns)
+            turns = is_turn(wheel, hands, wheel_ns, command, times)
+            turns_wheel = turns and is_steering(wheel, hands, wheel_ns)
         arrives = command_ns <= sample_ns and command_ns <= guard_ns and not turns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
         has_moved, is_sample, steers, acts, steer_rad = True, False, False, False, 0.0
-        # The test for an inbox is decided when compiling, which removes the branch without one.
         is_first = waiting_ns <= command_ns and waiting_ns <= sample_ns and waiting_ns <= guard_ns
         if is_first and (wheel is None or waiting_ns <= wheel_ns):
             turn = np.uintp(acting & _NEWEST)
@@ -150,7 +190,9 @@ def _plant_until(
                 read_force(wheel, hands, p, z)
             hands = after_event(wheel, r, hands, wheel_ns)
             continue
+        # The test for an inbox is decided when compiling, which removes the branch without one.
         elif arrives or (wheel is not None and turns_wheel) or (inbox is not None and plays):
+            at_ns, by, has_come, command_rad = sample_ns, plan, is_new, math.nan
             if wheel is not None and turns_wheel:
                 at_ns, by, has_come = wheel_ns, in_effect, True
                 command_rad = wanted_rad(wheel, hands)
@@ -158,14 +200,13 @@ def _plant_until(
             elif arrives:
                 at_ns, by, has_come = command_ns, command, True
                 command += 1
-                tick = s.command_tick[of]
                 plan, is_new = -1, False
-                if carries_plan(inbox, tick):
+                tick = s.commands[SENT_AT, of]
+                if inbox is not None and carries_plan(inbox, tick):
                     plan, is_new = by, True
                     continue
-                command_rad = quantised(r.sent_rad[np.uintp(tick)], STEER_RESOLUTION_RAD)
-            else:
-                at_ns, by, has_come = sample_ns, plan, is_new
+                command_rad = quantised(r.ticks[SENT, np.uintp(tick)], STEER_RESOLUTION_RAD)
+            elif inbox is not None:
                 is_new, played = False, sample
                 command_rad = play(inbox, sample)
                 if not math.isfinite(command_rad):
@@ -178,11 +219,16 @@ def _plant_until(
             guard, steers = guard_command(c.guard, guard, command_rad, motion_ns, has_come)
             if steers:
                 in_effect = by
-                if not arrives:
-                    record_played(inbox, sample, command_rad)
+                if inbox is not None and not arrives:
+                    inbox.played_rad[at] = command_rad
         elif guard_ns <= sample_ns:
             motion_ns = guard.deadline_ns
-            guard, steers = guard_timer(c.guard, guard, motion_ns, _path_seen(r, sample))
+            seen = NO_PATH
+            if sample > 0:
+                last = np.uintp(sample - 1)
+                read = r.samples
+                seen = PathSeen(read[CURVATURE, last], read[ERROR, last], read[HEADING, last])
+            guard, steers = guard_timer(c.guard, guard, motion_ns, seen)
             has_moved = steers
         else:
             motion_ns = max(sample_ns - c.motion_start_ns, 0)
@@ -201,10 +247,8 @@ def _plant_until(
         if acts:
             z = command_motion(p, z, steer_rad)
         if is_sample:
-            sampled = z, guard, followed_ns, sample, in_effect
-            guard, followed_ns, outcome = _take_sample(
-                p, c, s, r, inbox, (wheel, hands), sampled, motion_ns
-            )
+            sampled = z, guard, followed_ns, sample, in_effect, hands
+            guard, followed_ns, outcome = _take_sample(p, c, s, r, inbox, wheel, sampled, motion_ns)
             sample += 1
     buffered = plan, is_new, played, given, acting, hands
     return Progress(z, guard, followed_ns, sample, command, in_effect, *buffered), outcome
@@ -218,59 +262,43 @@ def _with_hands(x: Progress, hands: Any) -> Progress:
 
 
 @register_jitable(**INLINE)
-def _path_seen(r: Records, sample: int) -> PathSeen:
-    """Return what the sample before read of the path."""
-    if sample == 0:
-        return NO_PATH
-    last = np.uintp(sample - 1)
-    return PathSeen(r.curvature_1_m[last], r.lateral_error_m[last], r.heading_error_rad[last])
-
-
-@register_jitable(**INLINE)
 def _take_sample(
     p: Any,
     c: Constants,
     s: Instants,
     r: Records,
     inbox: Any,
-    wheel_and_state: Any,
-    sampled: tuple[Any, GuardState, int, int, int],
+    wheel: Any,
+    sampled: tuple[Any, GuardState, int, int, int, Any],
     motion_ns: int,
 ) -> tuple[GuardState, int, int]:
     """Record a sample; returns the guard, when the wheel followed last, and an outcome."""
-    z, before, followed_before_ns, sample, in_effect = sampled
+    z, before, followed_before_ns, sample, in_effect, hands = sampled
     _, linear, _ = z
     _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear
     guard, followed_ns = guard_wheel(c.guard, before, followed_before_ns, wheel_rad, motion_ns)
     at = np.uintp(sample)
-    r.lateral_error_m[at] = error_m
-    r.heading_error_rad[at] = heading_rad
-    r.yaw_rate_rad_s[at] = yaw_rate_rad_s
-    r.wheel_angle_rad[at] = wheel_rad
-    r.curvature_1_m[at] = curvature_1_m
+    r.samples[ERROR, at], r.samples[HEADING, at] = error_m, heading_rad
+    r.samples[YAW_RATE, at], r.samples[WHEEL, at] = yaw_rate_rad_s, wheel_rad
+    r.samples[CURVATURE, at] = curvature_1_m
+    arc_length_m, speed_m_s = place_of(p, z)
+    r.samples[ARC_LENGTH, at], r.samples[SPEED, at] = arc_length_m, speed_m_s
     r.command[at] = in_effect
     reading_m = error_m + s.noise_m[at]
-    record_signals(inbox, sample, linear, guard)
-    record_place(p, inbox, r, sample, z)
-    wheel, hands = wheel_and_state
-    by_driver = is_drivers(wheel, hands, p, z, guard, motion_ns)
-    if (is_overruled(guard) and guard.mode != _HOLDING) or by_driver:
-        if len(s.tick_status) == 0:
-            return guard, followed_ns, OVERRULED
-        r.overruled_rad[at] = wheel_on_wire_rad(wheel_rad)
+    if inbox is not None:
+        record_signals(inbox, sample, linear, guard)
+        record_ahead(inbox, p, sample, arc_length_m, speed_m_s)
+    overrules = is_overruled(guard) and guard.mode != _HOLDING
+    if wheel is not None:
+        overrules = overrules or is_drivers(wheel, hands, p, z, guard, motion_ns)
+    if overrules:
+        if len(s.in_use) <= STATUS_SAMPLE:
+            return guard, followed_ns, IS_OVERRULED
+        r.samples[OVERRULED, at] = wheel_on_wire_rad(wheel_rad)
     if not abs(reading_m) <= LATERAL_ERROR_M_MAX:
         return guard, followed_ns, LEFT_RANGE
-    r.measured_m[at] = quantised(reading_m, LATERAL_ERROR_RESOLUTION_M)
+    r.samples[MEASURED, at] = quantised(reading_m, LATERAL_ERROR_RESOLUTION_M)
     return guard, followed_ns, COMPLETE
-
-
-@register_jitable(**INLINE)
-def _acting_rad(s: Instants, r: Records, tick: Any, sent_rad: float) -> float:
-    """Return the command that acts, as ``Received.acting_rad`` of a node does."""
-    if len(s.tick_status) == 0 or s.tick_status[tick] < 0:
-        return sent_rad
-    overruled_rad = r.overruled_rad[np.uintp(s.tick_status[tick])]
-    return overruled_rad if math.isfinite(overruled_rad) else sent_rad
 
 
 @compiled_unchecked
@@ -296,7 +324,7 @@ def run_segment(
     x = Progress(
         start_motion(p), start_guard(c.guard), 0, 0, 0, -1, -1, False, -1, 0, 0, start_wheel(wheel)
     )
-    kept = Kept(x, 0.0, 0.0, nothing_known(inbox))
+    kept = Kept(x, 0.0, 0.0, _nothing_known(inbox))
     place = at(law.kept, kept)
     if not is_start:
         kept = read(place)
@@ -320,23 +348,39 @@ def _run_ticks(
 ) -> tuple[Kept, int, int]:
     mode, first_tick, last_tick, is_recovery = segment
     x, sent_rad, fade_rad, known = kept
-    history, now_known = placed(inbox_history(inbox)), placed(NOW_UNKNOWN)
+    history = placed(_rings(inbox))
+    now_known = placed(NOW_UNKNOWN)
+    ticks = s.ticks.shape[1]
     for tick in range(first_tick, last_tick + 1):
         now = np.uintp(tick)
-        to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
+        to_ns = s.ticks[TICK_NS, now] if tick < ticks else end_ns
         x, outcome = _plant_until(p, c, s, r, inbox, wheel, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
             return Kept(x, sent_rad, fade_rad, known), tick, outcome
-        if c.alike_to_m_s < math.inf and s.tick_state[now] >= 0:
-            newest_m_s = speed_on_wire_m_s(r.speed_m_s[np.uintp(s.tick_state[now])])
+        state_sample = s.in_use[STATE_SAMPLE, now] if len(s.in_use) > STATE_SAMPLE else -1
+        if state_sample >= 0 and c.alike_to_m_s < math.inf:
+            newest_m_s = speed_on_wire_m_s(r.samples[SPEED, np.uintp(state_sample)])
             if newest_m_s != c.speed_m_s and max(newest_m_s, c.speed_m_s) > c.alike_to_m_s:
                 return Kept(x, sent_rad, fade_rad, known), tick, SPEED_CHANGED
-        known = take_arrivals(inbox, known, s, r, to_ns)
+        if inbox is not None:
+            known = take_arrivals(inbox, known, s, r, to_ns)
         steer_rad, acting = sent_rad, -1
         if mode == _ACTIVE:
-            error_m = r.measured_m[np.uintp(s.tick_sample[now])]
-            note_now(inbox, now_known, known, s, r, tick, to_ns)
-            acting_rad = _acting_rad(s, r, now, sent_rad)
+            error_m = r.samples[MEASURED, np.uintp(s.ticks[TICK_SAMPLE, now])]
+            if inbox is not None:
+                write(now_known, known_now(inbox, known, tick, to_ns))
+            elif state_sample >= 0:
+                of = np.uintp(state_sample)
+                speed_m_s = speed_on_wire_m_s(r.samples[SPEED, of])
+                curvature_1_m = curvature_on_wire_1_m(r.samples[CURVATURE, of])
+                is_stale = s.in_use[STATE_IS_STALE, now] != 0
+                vehicle = VehicleReading(speed_m_s, 0.0, curvature_1_m, is_stale)
+                write(now_known, Now(vehicle, NOW_UNKNOWN.loop_delay))
+            acting_rad = sent_rad
+            if len(s.in_use) > STATUS_SAMPLE and s.in_use[STATUS_SAMPLE, now] >= 0:
+                # As ``Received.acting_rad`` of a node.
+                overruled_rad = r.samples[OVERRULED, np.uintp(s.in_use[STATUS_SAMPLE, now])]
+                acting_rad = overruled_rad if math.isfinite(overruled_rad) else sent_rad
             observed = (law.params, law.state, history, now_known, error_m, acting_rad)
             output = called(law.step, NO_OUTPUT, observed)
             asked_rad = (c.share if to_ns >= c.share_from_ns else 1.0) * output.steer_rad
@@ -349,13 +393,13 @@ def _run_ticks(
             if law.plan != 0 and fade_rad == 0.0:
                 acting = called(law.plan, acting, observed)
             steer_rad = asked_rad + fade_rad
-            r.law_output[now, 0] = output.steer_rad
-            r.law_output[now, 1] = output.disturbance_rad
-            r.law_output[now, 2] = output.network_disturbance_rad
-            r.law_output[now, 3] = output.compensated_lateral_error_m
+            r.ticks[LAW_OUTPUT, now] = output.steer_rad
+            r.ticks[LAW_OUTPUT + 1, now] = output.disturbance_rad
+            r.ticks[LAW_OUTPUT + 2, now] = output.network_disturbance_rad
+            r.ticks[LAW_OUTPUT + 3, now] = output.compensated_lateral_error_m
         else:
-            for column in range(4):
-                r.law_output[now, column] = r.law_output[tick - 1, column]
+            for row in range(LAW_OUTPUT, LAW_OUTPUT + 4):
+                r.ticks[row, now] = r.ticks[row, tick - 1]
             if mode == _SAFE_STOP:
                 steer_rad = ramp_step(c.ramp_step_rad, steer_rad)
         takes_over = False
@@ -364,9 +408,11 @@ def _run_ticks(
             hands, steer_rad, takes_over = decided
             x = _with_hands(x, hands)
         sent_rad = limit_step(c.limits, sent_rad, steer_rad)
-        r.sent_rad[now] = sent_rad
-        write_plan(inbox, c.limits, acting, tick)
-        known = take_command(inbox, known, tick, sent_rad, acting >= 0)
+        r.ticks[SENT, now] = sent_rad
+        if inbox is not None:
+            if acting >= 0:
+                limit_plan_of(inbox, c.limits, acting, tick)
+            known = with_command(inbox, known, tick, sent_rad, acting >= 0)
         if takes_over:
             return Kept(x, sent_rad, 0.0, known), tick + 1, TAKEN_OVER
     return Kept(x, sent_rad, fade_rad, known), last_tick, COMPLETE

@@ -4,10 +4,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...controller.history.history import (
+    NO_COMMANDS,
+    NO_ECHOES,
+    NO_ERRORS,
+    Commands,
+    Echoes,
+    Errors,
+    HistoryParams,
+)
+from ...controller.law_interface import History, LoopDelay, VehicleReading
 from ...controller.limits.steer_limits import SteerLimits
 from ...plant_emulator.steering.hold_and_fallback import GuardParams, GuardState
 from ...runtime.array_types import FloatArray, IntArray
-from .law_input import Known
 
 
 class Constants(NamedTuple):
@@ -33,85 +42,125 @@ class Constants(NamedTuple):
     stop_m_s2: float
 
 
+TICK_NS, TICK_SAMPLE = range(2)
+DUE_NS, SENT_AT = range(2)
+STATE_SAMPLE, STATE_IS_STALE, STATUS_SAMPLE = range(3)
+
+
 class Instants(NamedTuple):
     """When everything happens, in ns; independent of how the vehicle moves.
 
-    ``tick_ns``         control ticks from the first command on
-    ``tick_sample``     the sample whose measurement is in use at each tick
-    ``command_due_ns``  when each command that comes through reaches the actuator, in order
-    ``command_tick``    which tick it was sent at
-    ``sample_ns``       when the sensors sample
-    ``noise_m``         the sensor noise of each sample's lateral error
-    ``tick_status``     the sample whose STEERING_STATUS is in use at each tick, -1 for none; empty:
-                        not needed unless the steering overrules a command
-    ``tick_state``      the sample whose VEHICLE_STATE is in use at each tick, -1 for none; empty:
-                        the speed is constant, and the law does not read the message
-    ``tick_is_stale``   whether that one is stale
+    ``ticks``      (2, ticks): the control ticks from the first command on, and the sample whose
+                   measurement is in use at each
+    ``commands``   (2, commands): when each that comes through reaches the actuator, in order, and
+                   which tick it was sent at
+    ``sample_ns``  when the sensors sample
+    ``noise_m``    the sensor noise of each sample's lateral error
+    ``in_use``     (3, ticks): the sample whose VEHICLE_STATE is in use at each tick, -1 for none,
+                   whether it is stale, and the sample of the STEERING_STATUS in use; or (0, 0): not
+                   needed, since the speed is constant and the law does not read the message; or
+                   without the last row: not needed unless the steering overrules a command
     """
 
-    tick_ns: IntArray
-    tick_sample: IntArray
-    command_due_ns: IntArray
-    command_tick: IntArray
+    ticks: IntArray
+    commands: IntArray
     sample_ns: IntArray
     noise_m: FloatArray
-    tick_status: IntArray
-    tick_state: IntArray
-    tick_is_stale: IntArray
+    in_use: IntArray
 
 
 WAITING = 4096
 """A power of two; more than the commands and plan values of a second."""
+ERROR, HEADING, YAW_RATE, WHEEL, CURVATURE, ARC_LENGTH, SPEED, MEASURED, OVERRULED = range(9)
+SENT, LAW_OUTPUT = 0, 1
 
 
 class Records(NamedTuple):
-    """The records of a run: the first ten per sample, the next two per control tick.
+    """The records of a run: few arrays, because every function that gets them takes them apart.
 
-    ``overruled_rad``  wheel angle as on the wire where the steering overrules, else NaN; written
-                    only where ``Instants.tick_status`` is there
-    ``command``     index into the schedule's commands of the one in effect, -1 before the first
-    ``law_output``  (ticks, 4), in the order of ``LawOutput``
+    ``samples``     (9, samples), SI, from ERROR to the measured error as on the wire and OVERRULED:
+                    the wheel angle as on the wire where the steering overrules, else NaN; it is
+                    written only where ``Instants.in_use`` has a status
+    ``command``     index into the schedule's commands of the one in effect at each sample, -1
+                    before the first
+    ``ticks``       (5, ticks): the command sent, and from row LAW_OUTPUT on ``LawOutput``
     ``waiting_ns``, ``waiting_rad``  rings of WAITING: commands that wait for the actuator's dead
                     time, and when each is due in the motion
     """
 
-    lateral_error_m: FloatArray
-    heading_error_rad: FloatArray
-    yaw_rate_rad_s: FloatArray
-    wheel_angle_rad: FloatArray
-    curvature_1_m: FloatArray
-    arc_length_m: FloatArray
-    speed_m_s: FloatArray
-    measured_m: FloatArray
+    samples: FloatArray
     command: IntArray
-    overruled_rad: FloatArray
-    sent_rad: FloatArray
-    law_output: FloatArray
+    ticks: FloatArray
     waiting_ns: IntArray
     waiting_rad: FloatArray
 
 
-def empty_records(samples: int, ticks: int, speed_m_s: float) -> Records:
-    """Return empty records: errors and commands are NaN at first, the others uninitialised.
+def empty_records(samples: int, ticks: int) -> Records:
+    """Return empty records: errors and commands are NaN at first, the others uninitialised."""
+    of_samples, of_ticks = np.empty((9, samples)), np.empty((5, ticks))
+    of_samples[ERROR] = of_samples[OVERRULED] = of_ticks[SENT] = np.nan
+    command, waiting_ns = np.empty(samples, np.int64), np.empty(WAITING, np.int64)
+    return Records(of_samples, command, of_ticks, waiting_ns, np.empty(WAITING))
 
-    ``speed_m_s``  of a linear vehicle, whose place and speed the loop does not record
+
+ARRIVED_NS, MESSAGE, OF_SAMPLE = range(3)
+SEEN_HEADING, SEEN_YAW_RATE, SEEN_CURVATURE, SEEN_WHEEL, SEEN_SPEED = range(5)
+
+
+class Inbox(NamedTuple):
+    """The controller's input, for a law that looks back.
+
+    ``arrivals``        (3, arrivals): when each message that the controller accepts arrives, which
+                        ``Uplink`` it is, and of which sample; in order of arrival
+    ``noise``           (2, samples): of heading and yaw rate
+    ``signals``         (5, samples): heading, yaw rate and more as the bus carries them; written
+                        during the run, as the rest
+    ``status``          code of STEERING_STATUS at each sample, with APPLYING for LIMITED
+    ``buffer``          the plan that the plant plays, as the bus carries it: values of its row
+    ``played_rad``      what a plan has let act at a sample, else NaN
+    ``path_ahead_1_m``  values of each PATH_AHEAD, as on the wire; one of every ``samples_per_path``
     """
-    return Records(
-        np.full(samples, np.nan),
-        np.empty(samples),
-        np.empty(samples),
-        np.empty(samples),
-        np.empty(samples),
-        np.empty(samples),
-        np.full(samples, speed_m_s),
-        np.empty(samples),
-        np.empty(samples, dtype=np.int64),
-        np.full(samples, np.nan),
-        np.full(ticks, np.nan),
-        np.empty((ticks, 4)),
-        np.empty(WAITING, dtype=np.int64),
-        np.empty(WAITING),
-    )
+
+    params: HistoryParams
+    rings: History
+    arrivals: IntArray
+    noise: FloatArray
+    signals: FloatArray
+    status: IntArray
+    periods_per_sample: float
+    buffer: FloatArray
+    played_rad: FloatArray
+    samples_per_path: int
+    path_spacing_m: float
+    path_ahead_1_m: FloatArray
+
+
+class Known(NamedTuple):
+    """What the controller has received.
+
+    ``arrivals``    messages that have arrived so far
+    ``vehicle_*``   sample and arrival of the newest VEHICLE_STATE, -1 for none
+    ``path_end``    as in ``LoopDelay``
+    """
+
+    arrivals: int
+    errors: Errors
+    echoes: Echoes
+    commands: Commands
+    vehicle_sample: int
+    vehicle_ns: int
+    path_end: int
+
+
+class Now(NamedTuple):
+    """What the controller knows at a tick, besides errors and commands."""
+
+    vehicle: VehicleReading
+    loop_delay: LoopDelay
+
+
+NOW_UNKNOWN = Now(VehicleReading(0.0, 0.0, 0.0, False), LoopDelay(0, -1, -1, 0.0, False, -1))
+NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1, -1)
 
 
 class Progress(NamedTuple):
@@ -149,7 +198,7 @@ class Kept(NamedTuple):
     plant: Progress
     sent_rad: float
     fade_rad: float
-    known: Known | None
+    known: Any
 
 
 class Segment(NamedTuple):

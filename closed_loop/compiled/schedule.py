@@ -24,17 +24,15 @@ from ...dbc.messages import (
     limits,
     resolutions,
 )
-from ...plant_emulator.sensors.path_ahead import CURVATURES, VALUES, spacing_m
+from ...plant_emulator.sensors.path_ahead import VALUES, spacing_m
 from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.moving_vehicle import AnyMotionParams
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
-from .along_path import curvatures_ahead_1_m
 from .arrivals import Arrivals, arrivals_of, sensor_noise, to_plant_of
 from .hand_wheel_events import WheelEvents, wheel_events
-from .law_input import Inbox, Uplink, quantised
-from .loop_records import Segment
+from .law_input import Uplink, quantised
+from .loop_records import DUE_NS, SENT_AT, Inbox, Instants, Segment
 from .step_functions import register_steps
 
 if TYPE_CHECKING:
@@ -46,8 +44,10 @@ SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 
 
 class RunSchedule(NamedTuple):
-    """The instants of a run; ``loop_records.Instants`` describes the first arrays.
+    """The instants of a run.
 
+    ``instants``   as the loop reads them, without what only some runs need; the next four are rows
+                   of these
     ``motion_s``   time of motion at each sample, 0 before it
     ``time_s``     of each sample since the motion's start, shape (samples since then,)
     ``tick_s``     of each tick, from the start of the run
@@ -60,12 +60,11 @@ class RunSchedule(NamedTuple):
     ``wheel``              events of a hand wheel
     """
 
+    instants: Instants
     tick_ns: IntArray
-    tick_sample: IntArray
     command_due_ns: IntArray
     command_tick: IntArray
     sample_ns: IntArray
-    noise_m: FloatArray
     command_latency_ns: IntArray
     motion_s: FloatArray
     time_s: FloatArray
@@ -107,10 +106,17 @@ class Measurements:
         return np.append(-1, arrivals.sample)[in_use], age_ns
 
     @cached_property
-    def vehicle_in_use(self) -> tuple[IntArray, IntArray]:
-        """The sample of the VEHICLE_STATE in use at each tick, -1 for none; whether it is stale."""
+    def vehicle_in_use(self) -> IntArray:
+        """``Instants.in_use`` without the last row."""
         sample, age_ns = self._in_use(Uplink.VEHICLE_STATE)
-        return sample, (age_ns > self._limits.vehicle_state_ns).astype(np.int64)
+        return np.array([sample, age_ns > self._limits.vehicle_state_ns])
+
+    @cached_property
+    def status_in_use(self) -> IntArray:
+        """``Instants.in_use`` with its last row: -1 for no status that is fresh."""
+        sample, age_ns = self._in_use(Uplink.STEERING_STATUS)
+        status = np.where(age_ns <= self._limits.steering_status_ns, sample, -1)
+        return np.array([*self.vehicle_in_use, status])
 
     @cached_property
     def speed_known_ns(self) -> int:
@@ -118,21 +124,15 @@ class Measurements:
         return int(self.arrivals(Uplink.VEHICLE_STATE).arrival_ns.min(initial=NEVER_NS))
 
     @cached_property
-    def status_in_use(self) -> IntArray:
-        """The sample of the STEERING_STATUS in use at each tick, -1 for none that is fresh."""
-        sample, age_ns = self._in_use(Uplink.STEERING_STATUS)
-        return np.where(age_ns <= self._limits.steering_status_ns, sample, -1)
-
-    @cached_property
-    def received(self) -> tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]:
-        """The first arrays of ``Inbox``, from ``arrival_ns`` on."""
+    def received(self) -> tuple[IntArray, FloatArray]:
+        """``Inbox.arrivals`` and ``Inbox.noise``."""
         each = [self.arrivals(message) for message in _OF_SAMPLES]
         message = np.repeat(_OF_SAMPLES, [len(arrivals.sample) for arrivals in each])
         sample = np.concatenate([arrivals.sample for arrivals in each])
         arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])
         order = np.lexsort((message, sample, arrival_ns))
-        heading_rad, yaw_rate_rad_s = sensor_noise(self._plant, self._samples, slice(1, 3))
-        return arrival_ns[order], message[order], sample[order], heading_rad, yaw_rate_rad_s
+        noise = np.array(sensor_noise(self._plant, self._samples, slice(1, 3)))
+        return np.array([arrival_ns[order], message[order], sample[order]]), noise
 
 
 class NothingArrivesError(ValueError):
@@ -179,13 +179,19 @@ def schedule_run(
     if wheel is not None:
         statuses = measurements.arrivals(Uplink.STEERING_STATUS)
         events = wheel_events(plant, wheel, sample_ns, tick_ns, to_plant, statuses)
-    return RunSchedule(
-        tick_ns=tick_ns,
-        tick_sample=arrivals.sample[in_use],
-        command_due_ns=to_plant.due_ns[is_command],
-        command_tick=to_plant.number[is_command],
+    instants = Instants(
+        ticks=np.array([tick_ns, arrivals.sample[in_use]]),
+        commands=np.array([to_plant.due_ns[is_command], to_plant.number[is_command]]),
         sample_ns=sample_ns,
         noise_m=sensor_noise(plant, samples, slice(1))[0],
+        in_use=np.empty((0, 0), np.int64),
+    )
+    return RunSchedule(
+        instants=instants,
+        tick_ns=tick_ns,
+        command_due_ns=instants.commands[DUE_NS],
+        command_tick=instants.commands[SENT_AT],
+        sample_ns=sample_ns,
         command_latency_ns=to_plant.latency_ns[is_command],
         motion_s=motion_ns / NS_PER_S,
         time_s=np.multiply(motion_ns[is_moving], 1e-9),
@@ -250,29 +256,22 @@ def _segments(
     )
 
 
-def inbox_of(
-    plant: PlantSettings,
-    controller: ControllerSettings,
-    schedule: RunSchedule,
-    motion: AnyMotionParams,
-) -> Inbox:
+def inbox_of(plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule) -> Inbox:
     """Return the inbox of one run's law, with all that does not depend on how the vehicle moves."""
     samples = len(schedule.sample_ns)
+    every = samples_per_vehicle_state(plant.sensor_period_ns)
+    messages = 0 if plant.path_ahead is None else -(-samples // every)
     return Inbox(
         HistoryParams(controller.loop_delay, controller.age_limits),
         empty_rings(keeps_plans=controller.law_record.plan is not None),
         *schedule.measurements.received,
-        measured_heading_rad=np.empty(samples),
-        measured_yaw_rate_rad_s=np.empty(samples),
-        measured_curvature_1_m=np.empty(samples),
-        wheel_rad=np.empty(samples),
+        signals=np.empty((5, samples)),
         status=np.empty(samples, dtype=np.int64),
-        measured_speed_m_s=np.full(samples, quantised_speed_m_s(motion.speed_m_s)),
         periods_per_sample=controller.link.sensor_period_s / (controller.period_ns / NS_PER_S),
         buffer=np.zeros(ROW_LENGTH),
-        samples_per_path=samples_per_vehicle_state(plant.sensor_period_ns),
+        samples_per_path=every,
         path_spacing_m=_path_spacing_m(plant),
-        path_ahead_1_m=_paths_ahead_1_m(plant, schedule, motion),
+        path_ahead_1_m=np.empty((messages, VALUES)),
         played_rad=np.full(samples if controller.law_record.plan is not None else 0, np.nan),
     )
 
@@ -283,20 +282,6 @@ def _path_spacing_m(plant: PlantSettings) -> float:
         return 0.0
     wanted_m = spacing_m(plant.vehicle.speed_m_s, plant.path_ahead.reach_s)
     return float(quantised(wanted_m, resolutions(PathAhead)["path_spacing_m"]))
-
-
-def _paths_ahead_1_m(
-    plant: PlantSettings, schedule: RunSchedule, motion: AnyMotionParams
-) -> FloatArray:
-    """Return the values of each PATH_AHEAD, as on the wire; shape (messages, values)."""
-    if plant.path_ahead is None:
-        return np.empty((0, VALUES))
-    every = samples_per_vehicle_state(plant.sensor_period_ns)
-    spacing = spacing_m(plant.vehicle.speed_m_s, plant.path_ahead.reach_s)
-    places_m = motion.speed_m_s * schedule.motion_s[::every]
-    rows = curvatures_ahead_1_m(motion.path, places_m, spacing, VALUES, *CURVATURES)
-    resolution_1_m = resolutions(PathAhead)["curvature_0_1_m"]
-    return np.asarray(np.rint(rows / resolution_1_m) * resolution_1_m)
 
 
 def quantised_speed_m_s(speed_m_s: float) -> float:

@@ -105,8 +105,11 @@ class ForeignParamsError(SettingsError):
     """The type of a law's params does not identify the law."""
 
 
-def _chosen_by_type(choose: Callable[[type], Any]) -> Any:
-    """Return a function for compiled code: the one of the type of its first argument."""
+def chosen_by_type(choose: Callable[[Any], Any]) -> Any:
+    """Return a function for compiled code: the one of the type of its first argument.
+
+    ``choose``  returns it for a NamedTuple, or None for None
+    """
 
     def chosen(*_: Any) -> Any:
         raise NotImplementedError("for compiled code")
@@ -115,18 +118,18 @@ def _chosen_by_type(choose: Callable[[type], Any]) -> Any:
     return chosen
 
 
-def _choose(function: Callable[..., Any], choose: Callable[[type], Any]) -> None:
+def _choose(function: Callable[..., Any], choose: Callable[[Any], Any]) -> None:
     """Let compiled code call, in place of a function, what the type of its params has."""
     overload(function, strict=False, jit_options=INLINE)(
-        lambda params, *_: choose(params.instance_class)
+        lambda params, *_: choose(getattr(params, "instance_class", None))
     )
 
 
-start_motion = _chosen_by_type(lambda kind: MOTIONS[kind].start)
-command_motion = _chosen_by_type(lambda kind: MOTIONS[kind].command)
-advance_motion = _chosen_by_type(lambda kind: MOTIONS[kind].advance)
-brake_motion = _chosen_by_type(lambda kind: _braking(MOTIONS[kind].brake))
-place_of = _chosen_by_type(lambda kind: MOTIONS[kind].place)
+start_motion = chosen_by_type(lambda kind: MOTIONS[kind].start)
+command_motion = chosen_by_type(lambda kind: MOTIONS[kind].command)
+advance_motion = chosen_by_type(lambda kind: MOTIONS[kind].advance)
+brake_motion = chosen_by_type(lambda kind: _braking(MOTIONS[kind].brake))
+place_of = chosen_by_type(lambda kind: MOTIONS[kind].place)
 """(params, ...): as in ``vehicle.motion_choice.MotionSteps``."""
 
 

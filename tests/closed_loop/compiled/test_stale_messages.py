@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.compiled.law_input import Inbox, Uplink
+from steer_by_wire.closed_loop.compiled.law_input import Uplink
+from steer_by_wire.closed_loop.compiled.loop_records import ARRIVED_NS, MESSAGE, Inbox
 from steer_by_wire.closed_loop.compiled.schedule import RunSchedule, inbox_of, schedule_run
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
@@ -44,7 +45,7 @@ def settings_of(law: str, overrides: Sequence[str] = ()) -> ControllerSettings:
 
 def age_ns(wire: Inbox, message: Uplink, plan: RunSchedule) -> NDArray[np.int64]:
     """The age of a message at each tick, -1 before the first."""
-    arrival_ns = wire.arrival_ns[wire.arrival_message == message]
+    arrival_ns = wire.arrivals[ARRIVED_NS, wire.arrivals[MESSAGE] == message]
     newest = np.searchsorted(arrival_ns, plan.tick_ns, side="right") - 1
     return np.where(newest >= 0, plan.tick_ns - arrival_ns[newest], -1)
 
@@ -57,7 +58,7 @@ def test_a_compiled_run_equals_the_nodes_where_messages_go_stale(
     plant_settings, controller = plant((*BURSTS, *CIRCLE), 8.0), settings_of(law, limits)
     run = assert_same_as_nodes(plant_settings, controller)
     plan = schedule_run(plant_settings, controller)
-    wire = inbox_of(plant_settings, controller, plan, run.motion)
+    wire = inbox_of(plant_settings, controller, plan)
     is_active = np.zeros(len(plan.tick_ns), dtype=np.bool_)
     for segment in plan.segments:
         if segment.mode == Mode.ACTIVE:
