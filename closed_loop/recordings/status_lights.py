@@ -60,6 +60,10 @@ _SAFETY = {
     SafetyState.FALLBACK: (BAD, "silence outlasted the hold: the wheel goes to its fallback"),
     SafetyState.SAFE_STATE: (BAD, "safe state until the plant is started again"),
 }
+_ECHO = {
+    EchoState.UNKNOWN: (NOTICE, "no echo of a command to measure it by"),
+    EchoState.KNOWN: (GOOD, "measured by the echo of the command counter"),
+}
 
 
 def lights_of(
@@ -77,12 +81,12 @@ def lights_of(
     ``names``    of a car's messages, by the name of ours that they stand for
     """
     steering, plant = newest.of(SteeringStatus), newest.of(PlantStatus)
-    safety = newest.of(ControllerSafety)
+    safety, delay = newest.of(ControllerSafety), newest.of(DelayStatus)
     status_name = names.get("STEERING_STATUS", "STEERING_STATUS")
     return (
         _controller(newest.of(ControllerStatus), safety),
         _measurements(safety, names),
-        _delay(newest.of(DelayStatus)),
+        _light("Delay", delay and delay.echo_state, _ECHO, "DELAY_STATUS"),
         _light("Steering", steering and steering.status, _STEERING, status_name),
         _light("Safety", plant and plant.safety, _SAFETY, "PLANT_STATUS"),
         _machine(late_s, skipped),
@@ -128,14 +132,6 @@ def _measurements(safety: ControllerSafety | None, names: Mapping[str, str]) -> 
         if found := measurements_that_are(freshness, safety, names):
             return Light("Measurements", level, freshness.name, f"{', '.join(found)}: {words}")
     return Light("Measurements", GOOD, "FRESH", "all three messages are young enough")
-
-
-def _delay(delay: DelayStatus | None) -> Light:
-    if delay is None:
-        return Light("Delay", OFF, "SILENT", "no DELAY_STATUS on the bus")
-    if delay.echo_state is EchoState.UNKNOWN:
-        return Light("Delay", NOTICE, "UNKNOWN", "no echo of a command to measure it by")
-    return Light("Delay", GOOD, "KNOWN", "measured by the echo of the command counter")
 
 
 def _machine(late_s: float, skipped: int) -> Light:

@@ -125,8 +125,8 @@ class Recording:
         can_id, data, flags = frame
         head = RECORD.pack(time_ns + self._offset_ns, can_id, flags, is_received, len(data))
         self._offered += 1
-        self._dropped += self._has_ended
         if self._has_ended:
+            self._dropped += 1
             return
         try:
             # At most PIPE_BUF bytes are written as a whole or not at all.
@@ -142,8 +142,12 @@ class Recording:
         with suppress(OSError):  # it has ended already, and reports why
             self._pipe.close()
         with self._answer:
-            if _ends(self.recorder):
+            try:
+                self.recorder.wait(STOP_TIMEOUT_S)
                 self._rest += self._answer.read()
+            except subprocess.TimeoutExpired:
+                self.recorder.kill()
+                self.recorder.wait()
         summary: dict[str, Any] = {"frames": 0, "failure": _ENDED}
         summary |= _summary(self._rest)
         if summary["failure"]:  # what was still in the pipe is lost too
@@ -183,17 +187,6 @@ class RecordingPort:
         if had_room:
             self._recording.record(frame, time_ns, is_received=False)
         return had_room
-
-
-def _ends(recorder: subprocess.Popen[bytes]) -> bool:
-    """Wait for the recorder's end; returns whether it came in time."""
-    try:
-        recorder.wait(STOP_TIMEOUT_S)
-    except subprocess.TimeoutExpired:
-        recorder.kill()
-        recorder.wait()
-        return False
-    return True
 
 
 def _summary(line: bytes) -> dict[str, Any]:

@@ -8,12 +8,12 @@ message are empty before its first frame. Enumerations are numbers, as in the DB
 A car's messages have the signals, names and units of its database: ``LANE.OFFSET``.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...closed_loop.recordings.log_analysis import LoggedMessages
 from ...dbc.listening import OUR_MESSAGES, Listening
-from ...dbc.messages import MESSAGE_TYPES, resolutions
+from ...dbc.messages import MESSAGE_TYPES
 from ...runtime.output_file import open_text
 
 
@@ -22,32 +22,29 @@ class CsvTable:
 
     def __init__(self, path: Path, listening: Listening = OUR_MESSAGES) -> None:
         self._listening, self._columns = listening, list[str]()
-        self._places, self._formats = dict[str, slice](), dict[str, list[Callable[[float], str]]]()
+        self._places = dict[str, slice]()
         for name in listening.listed:
             begin = len(self._columns)
             self._columns += columns_of(name, listening)
             self._places[name] = slice(begin, len(self._columns))
-            if name not in listening.car_messages:
-                self._formats[name] = _formats(name)
         self._file = open_text(path)
         self._file.write(",".join(("time_s", "message", *self._columns)) + "\n")
         self._cells = [""] * len(self._columns)
 
     def write(self, taken: LoggedMessages) -> None:
         """Add the messages of ours, or the one of a car that stands for them."""
-        for received in taken.messages:
-            if (formats := self._formats.get(received.name)) is not None:
-                cells = [form(value) for form, value in zip(formats, received.message, strict=True)]
-                self._add(taken.at_s, received.name, cells)
-        if taken.of_car:
-            message = self._listening.car_messages[taken.of_car]
-            values = message.values(taken.frame.data)
-            newest = self._cells[self._places[taken.of_car]]
-            cells = [
-                f"{values[signal]:.10g}" if signal in values else cell  # multiplexed
-                for signal, cell in zip(message.signals, newest, strict=True)
-            ]
-            self._add(taken.at_s, taken.of_car, cells)
+        if not taken.of_car:
+            for received in taken.messages:
+                self._add(taken.at_s, received.name, [f"{one:.10g}" for one in received.message])
+            return
+        message = self._listening.car_messages[taken.of_car]
+        values = message.values(taken.frame.data)
+        newest = self._cells[self._places[taken.of_car]]
+        cells = [
+            f"{values[signal]:.10g}" if signal in values else cell  # multiplexed
+            for signal, cell in zip(message.signals, newest, strict=True)
+        ]
+        self._add(taken.at_s, taken.of_car, cells)
 
     def _add(self, at_s: float, name: str, cells: Sequence[str]) -> None:
         self._cells[self._places[name]] = cells
@@ -64,14 +61,3 @@ def columns_of(name: str, listening: Listening = OUR_MESSAGES) -> list[str]:
     if (of_car := listening.car_messages.get(name)) is not None:
         return [f"{name}.{signal}" for signal in of_car.signals]
     return [f"{name.lower()}.{field}" for field in MESSAGE_TYPES[name]._fields]
-
-
-def _formats(name: str) -> list[Callable[[float], str]]:
-    return [
-        f"{{:.{_digits(resolution)}f}}".format
-        for resolution in resolutions(MESSAGE_TYPES[name]).values()
-    ]
-
-
-def _digits(resolution: float) -> int:
-    return next(digits for digits in range(16) if round(resolution, digits) == resolution)

@@ -53,9 +53,9 @@ def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
         ("0.002500", "LATERAL_ERROR"),
         ("0.004000", "STEERING_COMMAND"),
     ]
-    assert [row["steering_command.steer_rad"] for row in rows] == ["0.12345", "0.12345", "0.20000"]
+    assert [row["steering_command.steer_rad"] for row in rows] == ["0.12345", "0.12345", "0.2"]
     assert [row["steering_command.mode"] for row in rows] == ["1", "1", "1"]
-    assert [row["lateral_error.lateral_error_m"] for row in rows] == ["", "-0.250000", "-0.250000"]
+    assert [row["lateral_error.lateral_error_m"] for row in rows] == ["", "-0.25", "-0.25"]
     assert all(row["plant_status.lost"] == "" for row in rows)
 
 

@@ -16,7 +16,6 @@ import pytest
 from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.closed_loop.recordings.bus_listener import BusListener
-from steer_by_wire.closed_loop.recordings.live_reading import LiveFrame
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import open_log
@@ -39,7 +38,6 @@ from steer_by_wire.tools.analyze.signal_tables import CsvTable
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.cockpit.signals import NAMES
-from steer_by_wire.tools.monitor import __main__ as monitor
 from steer_by_wire.tools.monitor.screen import screen_lines
 
 CAR = Path(__file__).with_name("my_car.toml")
@@ -154,17 +152,9 @@ def test_a_table_has_a_cars_signals_as_its_database_reads_them(log: Path, tmp_pa
 
 
 def test_the_monitor_shows_a_bus_in_a_dialect(log: Path) -> None:
-    frames = [LiveFrame(it.frame, it.time_ns or 0, 0, True) for it in open_log(log)]
-    left = iter(frames)
-
-    class Reader:
-        def next(self, _end_ns: int) -> LiveFrame | None:
-            return next(left, None)
-
-    watch = BusWatch(0, listening())
-    for _ in frames:
-        monitor._listen(Reader(), watch, 0.0)
-    now_ns = frames[-1].time_ns
+    watch, now_ns = BusWatch(0, listening()), 0
+    for now_ns, _, frame in open_log(log):
+        watch.on_frame(frame, now_ns)
     heard = {one.name for one in watch.messages(now_ns) if one.accepted > 90}
     assert heard == {"STEER_REQUEST", "STEER_ANGLE", "MOTION", "LANE"}
     assert watch.listener.foreign_frames == 0
