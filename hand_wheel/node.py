@@ -286,7 +286,7 @@ class HandWheelNode:
         orders_ns = self._orders.arrival_ns
         if orders_ns is not None and now_ns - orders_ns > _LAW_NS:
             self._steered_by, self._ordered_n_m = SteeredBy.DRIVER, 0.0
-        angle_rad, rate_rad_s, _, _ = self._wheel
+        angle_rad, rate_rad_s, *_ = self._wheel
         driver_steers = self._steered_by is not SteeredBy.LAW
         time_ns, seen = due_ns - self._start_ns, (self._late.oldest_rad, self._sight, angle_rad)
         does = kicks_n_m(self._kicks, time_ns), time_ns < self._let_go_ns, driver_steers
@@ -346,7 +346,7 @@ class HandWheelNode:
 
     def _keep(self, due_ns: int) -> None:
         """Record a cycle."""
-        angle_rad, rate_rad_s, motor_n_m, driver_n_m = self._wheel
+        angle_rad, rate_rad_s, motor_n_m, driver_n_m, *_ = self._wheel
         aim_rad = self._hands.wished_rad if self._hands.grip is not HANDS_OFF else 0.0
         if self._steered_by is not SteeredBy.DRIVER:
             aim_rad = self._ratio * self._wheel_rad

@@ -38,6 +38,10 @@ class WheelSettings(Settings):
     motor_lag_s: float = Field(HandWheel().motor_lag_s, ge=1e-4, le=1.0)
     torque_n_m_max: float = Field(10.0, ge=0.1, le=20.0)
     """Of the motor."""
+    sensor_n_m_rad: float = Field(0.0, ge=0.0, le=1000.0)
+    """Stiffness of the torque sensor, between rim and motor; 0: rigid."""
+    rim_share: float = Field(HandWheel().rim_share, gt=0.0, lt=1.0)
+    """Of the inertia, above a sensor that gives way."""
 
 
 class KickSettings(Settings):
@@ -174,6 +178,8 @@ class HandWheelSettings(Settings):
             wheel.motor_lag_s,
             wheel.torque_n_m_max,
             self.cycle_s / self.steps,
+            wheel.sensor_n_m_rad,
+            wheel.rim_share,
         )
 
     @property

@@ -8,6 +8,11 @@
     J_a, b_a, k_a   inertia, damping and stiffness of the driver's arms
     T_m    lag of the motor                                 [s]
 
+A torque sensor of stiffness k_s that gives way parts the wheel: above it the rim, with a share of J
+and with the arms, below it the rest with the motor, and θ is the angle there.
+
+    J_r θ_r'' = -k_a θ_r - b_a θ_r' - k_s (θ_r - θ)    J_c θ'' = -b θ' - T + k_s (θ_r - θ)
+
 No impedance of arms at a steering wheel was found published. The four grips are chosen.
 """
 
@@ -51,15 +56,22 @@ GRIPS: Mapping[str, Grip] = MappingProxyType(
 
 
 class HandWheel(NamedTuple):
-    """The wheel and its motor; the defaults are chosen."""
+    """The wheel and its motor; the defaults are chosen. ``sensor_n_m_rad`` of 0: rigid."""
 
     inertia_kg_m2: float = 0.035
     damping_n_m_s: float = 0.15
     motor_lag_s: float = 0.004
+    sensor_n_m_rad: float = 0.0
+    rim_share: float = 0.85
 
 
 def held_wheel(wheel: HandWheel, grip: Grip) -> LinearSystem:
-    """Return the system from commanded torque [N m] to angle [rad]; states θ, θ', T."""
+    """Return the system from commanded torque [N m] to angle [rad].
+
+    Its states are θ, θ', T; with a sensor that gives way, θ_r and θ_r' follow.
+    """
+    if wheel.sensor_n_m_rad != 0.0:
+        return _parted_wheel(wheel, grip)
     inertia_kg_m2 = wheel.inertia_kg_m2 + grip.inertia_kg_m2
     damping_n_m_s = wheel.damping_n_m_s + grip.damping_n_m_s
     a = [
@@ -69,3 +81,14 @@ def held_wheel(wheel: HandWheel, grip: Grip) -> LinearSystem:
     ]
     b, c = [0.0, 0.0, 1.0 / wheel.motor_lag_s], [1.0, 0.0, 0.0]
     return LinearSystem(np.array(a), np.array(b), np.array(c))
+
+
+def _parted_wheel(wheel: HandWheel, grip: Grip) -> LinearSystem:
+    sensor_n_m_rad, above_kg_m2 = wheel.sensor_n_m_rad, wheel.rim_share * wheel.inertia_kg_m2
+    below_kg_m2 = wheel.inertia_kg_m2 - above_kg_m2
+    below = HandWheel(below_kg_m2, wheel.damping_n_m_s, wheel.motor_lag_s)
+    on_sensor, a = held_wheel(below, Grip(0.0, 0.0, sensor_n_m_rad)), np.zeros((5, 5))
+    a[:3, :3], a[1, 3], a[3, 4] = on_sensor.a, sensor_n_m_rad / below_kg_m2, 1.0
+    by_rim = sensor_n_m_rad, -grip.stiffness_n_m - sensor_n_m_rad, -grip.damping_n_m_s
+    a[4, [0, 3, 4]] = np.array(by_rim) / (above_kg_m2 + grip.inertia_kg_m2)
+    return LinearSystem(a, np.append(on_sensor.b, [0.0, 0.0]), np.append(on_sensor.c, [0.0, 0.0]))

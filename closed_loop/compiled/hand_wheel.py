@@ -298,7 +298,7 @@ def _cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
     if cycle > 0:
         for _ in range(w.steps):
             wheel = wheel_step(w.params, wheel, x.told_n_m, x.hands)
-    angle_rad, rate_rad_s, motor_n_m, driver_n_m = wheel
+    angle_rad, rate_rad_s, motor_n_m, driver_n_m, _, _ = wheel
     steered_by = w.steered_by[e.cycle_tick[cycle]]
     error_m = heading_rad = curvature_1_m = road_wheel_rad = force_n = 0.0
     speed_m_s, sample = w.speed_m_s, e.error_sample[cycle]

@@ -44,8 +44,12 @@ def feedback_loop(plant: PlantSettings, wheel: HandWheelSettings) -> SampledFeed
         road = spring_torque(road, law.torque_gradient_n_m, rack)
     damping_n_m_s = table.damping_n_m_s + law.damping_n_m_s
     held = held_wheel(
-        HandWheel(table.inertia_kg_m2, damping_n_m_s, table.motor_lag_s), GRIPS[wheel.driver.grip]
-    )
+        HandWheel(
+            table.inertia_kg_m2, damping_n_m_s, table.motor_lag_s,
+            table.sensor_n_m_rad, table.rim_share,
+        ),
+        GRIPS[wheel.driver.grip],
+    )  # fmt: skip
     sampled = PASS_THROUGH
     if law.law == "cdob":
         sampled = sampled_cdob(

@@ -1,11 +1,13 @@
 """The wheel's motion step: exact enough, friction that sticks, stops, and delays that shake it."""
 
 from math import inf
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from steer_by_wire import feedback_stability
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
@@ -32,9 +34,10 @@ SEDAN = VehicleParams(80 / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
 
 def params(
     *, inertia: float = 0.035, damping: float = 0.15, friction: float = 0.0, stop: float = inf,
-    lag_s: float = 0.004, step_s: float = 1e-3,
+    lag_s: float = 0.004, step_s: float = 1e-3, sensor: float = 0.0,
 ) -> WheelParams:  # fmt: skip
-    return wheel_params(inertia, damping, friction, stop, lag_s, 20.0, step_s)
+    moved = inertia, damping, friction, stop, lag_s, 20.0, step_s
+    return wheel_params(*moved, sensor, HandWheel().rim_share)
 
 
 def held(grip: str, torque_n_m: float = 0.0) -> Hands:
@@ -60,6 +63,44 @@ def test_a_cycle_of_steps_moves_a_linear_wheel_as_the_exact_system(grip: str) ->
     exact = zero_order_hold(held_wheel(HandWheel(), GRIPS[grip]), 0.01)
     assert f[:2, :2] == pytest.approx(exact.a[:2, :2], abs=2e-5, rel=1e-3)
     assert g[:2] == pytest.approx(-exact.b[:2], rel=1e-2)  # the motor's torque is to the left
+
+
+@given(st.floats(60.0, 300.0), st.sampled_from(sorted(GRIPS)), st.floats(-1.0, 1.0))
+@settings(max_examples=20)
+def test_a_sensor_that_gives_way_moves_as_an_integrator_says(
+    sensor: float, grip: str, torque: float
+) -> None:
+    """The equations are written here once more, and integrated by scipy."""
+    inertia, damping, stiffness = GRIPS[grip]
+    rim = 0.85 * 0.035
+
+    def derivative(_time_s: float, x: Any) -> list[float]:
+        angle, rate, motor, above, above_rate = x
+        twist = sensor * (above - angle)
+        arms = torque - stiffness * above - damping * above_rate
+        return [
+            rate, (motor + twist - 0.15 * rate) / (0.035 - rim), (1.0 - motor) / 0.004,
+            above_rate, (arms - twist) / (rim + inertia),
+        ]  # fmt: skip
+
+    exact = solve_ivp(derivative, (0.0, 0.3), [0.0] * 5, rtol=1e-9, atol=1e-12).y[:, -1]
+    p, state = params(step_s=1e-4, sensor=sensor), AT_REST
+    for _ in range(3000):
+        state = wheel_step(p, state, 1.0, held(grip, torque))
+    assert state.angle_rad == pytest.approx(exact[0], abs=2e-4)
+    assert state.rim_rad == pytest.approx(exact[3], abs=2e-4)
+    assert state.driver_torque_n_m == pytest.approx(sensor * (exact[3] - exact[0]), abs=0.02)
+
+
+def test_a_stiff_sensor_is_a_rigid_one_in_the_analysis() -> None:
+    road = road_torque(SEDAN, 6.0, Rack())
+    starts = [
+        unstable_round_trips(sampled_feedback(held_wheel(wheel, GRIPS["loose"]), road, 1e-3), 1.0)
+        for wheel in (HandWheel(), HandWheel(sensor_n_m_rad=1e6), HandWheel(sensor_n_m_rad=60.0))
+    ]
+    rigid, stiff, soft = (found[0].start_s for found in starts)
+    assert stiff == pytest.approx(rigid, abs=1e-5)
+    assert soft != pytest.approx(rigid, abs=1e-4)
 
 
 @pytest.mark.parametrize("cycle_s", [0.001, 0.01])

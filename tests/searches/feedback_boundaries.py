@@ -2,10 +2,11 @@
 
     python -m tests.searches.feedback_boundaries [LOOPS [FIRST]]
 
-Each loop has a speed, a grip, a law, a lag of the steering, a cycle and a network of whole cycles,
-both ways. The torque gradient at which it becomes unstable, or stable again, is computed; the two
-nodes then run at 0.98 and at 1.02 times of it, with frames, latency lines and quantised signals,
-and the wheel's swing has to shrink where the loop is stable and to grow where it is not.
+Each loop has a speed, a grip, a law, a torque sensor, a lag of the steering, a cycle and a network
+of whole cycles, both ways. The torque gradient at which it becomes unstable, or stable again, is
+computed; the two nodes then run at 0.98 and at 1.02 times of it, with frames, latency lines and
+quantised signals, and the wheel's swing has to shrink where the loop is stable and to grow where it
+is not.
 
 The steering has a lag: without one, the force would answer a command within the same instant, a
 cycle earlier than in the analysis.
@@ -56,6 +57,7 @@ class Loop(NamedTuple):
     cycle_ms: float
     down: int
     up: int
+    sensor_n_m_rad: float = 0.0
 
     @property
     def vehicle(self) -> VehicleParams:
@@ -73,6 +75,7 @@ def drawn(number: int) -> Loop:
         cycle_ms=float(rng.choice([5.0, 10.0, 20.0])),
         down=int(rng.integers(0, 8)),
         up=int(rng.integers(0, 8)),
+        sensor_n_m_rad=float(rng.choice([0.0, 80.0, 150.0])),
     )
 
 
@@ -82,7 +85,8 @@ def is_unstable(loop: Loop, gradient_n_m: float) -> bool:
     road = road_torque(loop.vehicle, gradient_n_m, rack)
     if loop.law == "spring":
         road = spring_torque(road, gradient_n_m, rack)
-    wheel = held_wheel(HandWheel(damping_n_m_s=loop.damping_n_m_s), GRIPS[loop.grip])
+    table = HandWheel(damping_n_m_s=loop.damping_n_m_s, sensor_n_m_rad=loop.sensor_n_m_rad)
+    wheel = held_wheel(table, GRIPS[loop.grip])
     cycle_s = loop.cycle_ms / 1e3
     law = sampled_cdob(road, cycle_s) if loop.law == "cdob" else PASS_THROUGH
     round_trip_s = (loop.down + loop.up) * cycle_s
@@ -140,7 +144,7 @@ def kicked(
         {
             "cycle_ms": loop.cycle_ms,
             "wheel": {"friction_n_m": friction_n_m, "torque_n_m_max": 20.0}
-            | {"damping_n_m_s": loop.damping_n_m_s},
+            | {"damping_n_m_s": loop.damping_n_m_s, "sensor_n_m_rad": loop.sensor_n_m_rad},
             "driver": {"grip": loop.grip}
             | {"kicks": [{"at_s": 0.5, "lasts_s": 0.1, "torque_n_m": kick_n_m}]},
             "feedback": {"law": loop.law, "torque_gradient_n_m": gradient_n_m},

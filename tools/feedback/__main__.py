@@ -94,6 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("--cycle-ms", 1.0, 100.0, "ms", "cycle of the feedback"),
         ("--damping", wheel.damping_n_m_s, 100.0, "N m s/rad", "damping of the hand wheel"),
         ("--inertia", wheel.inertia_kg_m2, 10.0, "kg m2", "inertia of the hand wheel"),
+        ("--torque-sensor", wheel.sensor_n_m_rad, 1e4, "N m/rad", "its stiffness; 0 is rigid"),
         ("--rack-hz", rack.bandwidth_hz, 100.0, "Hz", "bandwidth of the rack's servo"),
         ("--ratio", rack.steering_ratio, 100.0, "", "hand wheel angle per road wheel angle"),
     ):
@@ -173,7 +174,7 @@ def _show_frontier(options: argparse.Namespace, vehicle: VehicleParams) -> int:
         vehicle._replace(speed_m_s=km_h / 3.6),
         gradient_n_m,
         _rack(options),
-        HandWheel(options.inertia, options.damping),
+        _wheel(options),
         options.cycle_ms / 1e3,
         options.torque_noise,
     )
@@ -217,7 +218,7 @@ def feedback_row(
     """Return the unstable round trips of one loop."""
     cycle_s, damping_n_m_s = options.cycle_ms / 1e3, options.damping
     road = road_torque(vehicle._replace(speed_m_s=km_h / 3.6), gradient_n_m, _rack(options))
-    wheel = held_wheel(HandWheel(options.inertia, damping_n_m_s), GRIPS[grip])
+    wheel = held_wheel(_wheel(options), GRIPS[grip])
     law = PASS_THROUGH
     if options.cdob is not None:
         law = sampled_cdob(road, cycle_s, options.cdob, options.washout)
@@ -227,6 +228,11 @@ def feedback_row(
     jitter_s = tuple(tolerated_jitter_s(loop, at_ms / 1e3) for at_ms in options.jitter_at)
     unstable = unstable_round_trips(loop, UP_TO_S)
     return Row(gradient_n_m, grip, km_h, unstable, passive_s, jitter_s)
+
+
+def _wheel(options: argparse.Namespace) -> HandWheel:
+    sensor = options.torque_sensor
+    return HandWheel(options.inertia, options.damping, sensor_n_m_rad=sensor)
 
 
 def _rack(options: argparse.Namespace) -> Rack:

@@ -48,6 +48,7 @@ def drawn(seed: int) -> dict[str, Any]:
         "hand_wheel.supervision.timeout_ms": rng.choice([25.0, 100.0]),
         "hand_wheel.supervision.fade_ms": rng.choice([50.0, 500.0]),
         "hand_wheel.driver.let_go_at_s": rng.choice([1.5, 100.0]),
+        "hand_wheel.wheel.sensor_n_m_rad": rng.choice([0.0, 150.0]),
     }
 
 
