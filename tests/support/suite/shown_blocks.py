@@ -36,6 +36,11 @@ WHY_NOT = (
     (r"^(demo|design|paper|study(?! --list))", "takes minutes"),
 )
 """Patterns of commands that are not run, and why; the first that matches counts."""
+RIG_ALONE = (
+    *("--disable-plugin-autoload", "-p", "steer_by_wire.closed_loop.pytest_plugin"),
+    *("-p", "no:cacheprovider"),
+)
+"""Options for a pytest within this one."""
 FURTHER = re.compile(r"[|&;>()]+|2>")
 """What begins another command in the shell, or sends the output elsewhere."""
 

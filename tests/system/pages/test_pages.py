@@ -15,7 +15,15 @@ from steer_by_wire.command import main
 from steer_by_wire.controller.analysis import jitter
 from steer_by_wire.tools.dialect import __main__ as dialect_program
 from tests.support.programs.running_program import ORDINARY
-from tests.support.suite.shown_blocks import LIVE, PAGES, ROOT, Command, blocks_of, commands_of
+from tests.support.suite.shown_blocks import (
+    LIVE,
+    PAGES,
+    RIG_ALONE,
+    ROOT,
+    Command,
+    blocks_of,
+    commands_of,
+)
 from tests.support.suite.unrendered import unrendered as unrendered
 
 GIVEN = {
@@ -40,11 +48,6 @@ OF_NODES = (
 )
 """Pages that show signals, or a bus, that compiled runs do not have; the others show the same
 numbers with these (tests/closed_loop/compiled)."""
-RIG_ALONE = (
-    *("--disable-plugin-autoload", "-p", "steer_by_wire.closed_loop.pytest_plugin"),
-    *("-p", "no:cacheprovider"),
-)
-"""Options for a pytest within this one."""
 SHORT_S = 3.0
 """Duration of what only has to run: tests of each program let it run for a minute."""
 

@@ -17,13 +17,9 @@ from steer_by_wire.command import PROGRAMS
 from steer_by_wire.tools.cockpit.sampler import IN_LANE_M
 from tests.support.programs.cockpit_pictures import LAWS, moving_plant
 from tests.support.programs.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
+from tests.support.suite.shown_blocks import PAGES, RIG_ALONE, ROOT, blocks_of
 
-ROOT = Path(__file__).resolve().parents[3]
-README, START, HOW_TO = (
-    (ROOT / page).read_text(encoding="utf-8")
-    for page in ("README.md", "docs/start.md", "docs/how_to.md")
-)
-BLOCKS = re.findall(r"^```\w*\n(.*?)^```", README + START, re.DOTALL | re.MULTILINE)
+README, START, HOW_TO = (PAGES[page] for page in ("README.md", "docs/start.md", "docs/how_to.md"))
 BARE = """
 import re
 import sys
@@ -52,8 +48,9 @@ for name in PROGRAMS:
 
 def block_with(line: str) -> str:
     """Return the one block of commands with a line."""
-    (block,) = [block for block in BLOCKS if line in block.splitlines()]
-    return str(block)
+    texts = [block.text for block in (*blocks_of(README), *blocks_of(START))]
+    (text,) = [text for text in texts if line in text.splitlines()]
+    return text
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -136,14 +133,14 @@ def test_the_three_terminals_run_and_end_in_order(tmp_path: Path) -> None:
             assert process.wait(PATIENCE_S) == 0
 
 
-def test_the_test_on_the_first_page_passes_when_it_is_pasted(tmp_path: Path) -> None:
-    (code,) = re.findall(
-        r"^```python\n# test_my_controller\.py\n(.*?)^```", README, re.DOTALL | re.M
-    )
-    (tmp_path / "test_my_controller.py").write_text(code, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert "3 passed" in done.stdout, done.stdout
+def test_the_test_on_the_first_page_passes_when_it_is_pasted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (block,) = (block for block in blocks_of(README) if block.language == "python")
+    file = tmp_path / block.file
+    file.write_text(block.text, encoding="utf-8")
+    assert pytest.main([str(file), "--rootdir", str(tmp_path), *RIG_ALONE]) == 0
+    assert "3 passed" in capsys.readouterr().out
 
 
 def test_the_first_page_is_short() -> None:
