@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
@@ -22,9 +24,10 @@ PLANT = PlantSettings(
 )
 
 
-def recorded_run(folder: Path) -> Path:
-    """Record 12 s with 80 ms down in ``folder``; returns the log."""
-    file = folder / "run.log"
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record 12 s with 80 ms down; returns the log."""
+    file = tmp_path_factory.mktemp("cockpit") / "run.log"
     run_virtual_pair(PLANT, controller_preset("practical_pd_ddob"), candump_log=file)
     return file
 

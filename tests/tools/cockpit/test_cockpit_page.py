@@ -19,7 +19,8 @@ from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.tools.cockpit.__main__ import main
 from tests.support.frames.made_messages import error_of, latency_of
 from tests.support.programs.browser import Browser, chromium, open_browser
-from tests.support.programs.cockpit_run import cockpit, recorded_run
+from tests.support.programs.cockpit_run import cockpit
+from tests.support.programs.cockpit_run import log as log
 
 PROGRAM = chromium()
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium here (package chromium)")
@@ -107,11 +108,6 @@ def test_a_foreign_bus_gets_the_frame_that_the_slider_asks_for(browser: Browser)
             opened(browser, address)
             assert browser.read("document.getElementById('uplink-mean_s').disabled")
             in_order(browser, address)
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return recorded_run(tmp_path_factory.mktemp("cockpit"))
 
 
 @pytest.fixture(scope="module")

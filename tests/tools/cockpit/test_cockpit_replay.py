@@ -17,7 +17,8 @@ from steer_by_wire.tools.cockpit.page import page_files, served_page, single_pag
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.scenario import choices, lane_settings, scenario_of, scenarios
 from steer_by_wire.tools.cockpit.signals import NAMES, packed_row, packed_rows
-from tests.support.programs.cockpit_run import fed, recorded_run
+from tests.support.programs.cockpit_run import fed
+from tests.support.programs.cockpit_run import log as log
 
 
 def head_of(block: bytes) -> Mapping[str, Any]:
@@ -25,12 +26,6 @@ def head_of(block: bytes) -> Mapping[str, Any]:
     (length,) = struct.unpack_from("<I", content)
     head: Mapping[str, Any] = json.loads(content[4 : 4 + length])
     return head
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a recording of 12 s with 80 ms down."""
-    return recorded_run(tmp_path_factory.mktemp("cockpit"))
 
 
 def test_a_replay_ends_with_the_figures_of_the_analysis(log: Path) -> None:

@@ -33,15 +33,10 @@ from steer_by_wire.tools.cockpit.sampler import Place, Sampler, message_text, pa
 from steer_by_wire.tools.cockpit.signals import CHARTS, FIGURES, NAMES
 from tests.support.frames.made_messages import command_of, error_of, message_with, motion_of
 from tests.support.frames.recorded_frames import entries_in
-from tests.support.programs.cockpit_run import NS, PLANT, fed, recorded_run
+from tests.support.programs.cockpit_run import NS, PLANT, fed
+from tests.support.programs.cockpit_run import log as log
 
 MS = 1_000_000
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a recording of 12 s with 80 ms down."""
-    return recorded_run(tmp_path_factory.mktemp("cockpit"))
 
 
 def signals(sampler: Sampler, now_ns: int) -> dict[str, float]:
