@@ -48,8 +48,8 @@ class BusLanguage(NamedTuple):
         """Names of the measured quantities that no message of the car carries."""
         return frozenset() if self.car is None else self.car.missing
 
-    def at_edge(self, node: ReportingNode, end: End, start_ns: int) -> ReportingNode:
-        """Return a node as it is on the bus: in a car's language, behind a gateway."""
+    def at_edge(self, node: ReportingNode, end: End | None, start_ns: int) -> ReportingNode:
+        """Return a node as it is on the bus, ``end`` None: a hand wheel; a car's has a gateway."""
         if self.car is None:
             return node
         from .dialect.gateway import Gateway

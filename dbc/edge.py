@@ -17,7 +17,7 @@ from ..runtime.program.report import causes_line
 from ..runtime.program.run_node import Edge
 from ..runtime.settings import SettingsError
 from .bus_language import BusLanguage
-from .messages import CAN_IDS, Message
+from .messages import CAN_IDS, HandWheelState, Message
 from .secoc.authenticated_node import AuthenticatedNode
 from .secoc.key_file import open_authentication
 from .secoc.secured_frame import STATUS_SENT_BY, Refused
@@ -41,22 +41,28 @@ def add_key_file_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def open_edge(
-    end: End,
+    end: End | None,
     known: Collection[type[Message]],
     options: argparse.Namespace,
     language: BusLanguage,
 ) -> Edge:
     """Return the edge that the options ask for; sets ``options.fd`` where its frames need that.
 
+    ``end``    None for a hand wheel
     ``known``  the messages that the node receives, and those that only it may send
 
-    Raises SettingsError for a key file that cannot be used.
+    Raises SettingsError for a key file that cannot be used, and for a key with a hand wheel.
     """
     if language.car is not None:
         return _of_car(end, options, language.car)
     can_ids = {CAN_IDS[message_type] for message_type in known}
     if options.key_file is None:
-        return Edge(can_ids, UNAUTHENTICATED, say_figures=_say_refused)
+        return Edge(can_ids, UNAUTHENTICATED if end else "", say_figures=_say_refused)
+    if end is None or HandWheelState in known:
+        raise SettingsError(
+            "--key-file: each end proves to the other that it is there, and a hand wheel is a"
+            " third: leave out the key, or [hand_wheel]"
+        )
     authentication = open_authentication(options.key_file, end)
     options.fd = True
     can_ids.add(CAN_IDS[STATUS_SENT_BY[end.peer]])
@@ -64,10 +70,11 @@ def open_edge(
     return Edge(can_ids, AUTHENTICATED, secured, _say_refused)
 
 
-def _of_car(end: End, options: argparse.Namespace, car: "Dialect") -> Edge:
+def _of_car(end: End | None, options: argparse.Namespace, car: "Dialect") -> Edge:
     if options.key_file is not None:
         raise SettingsError("--dialect takes no --key-file: a car's frames are not authenticated")
-    received, sent = car.sent_by(end.peer), car.sent_by(end)
+    received = car.sent_by(end.peer if end else End.PLANT)
+    sent = car.sent_by(end) if end else []
     if any(one.flags & FD for one in car.messages):
         options.fd = True
     has_extended = any(one.flags & EXTENDED for one in (*received, *sent))

@@ -8,7 +8,16 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.messages import CAN_IDS
+from ..dbc.bus_language import BusLanguage, add_dialect_argument, read_language
+from ..dbc.edge import open_edge
+from ..dbc.messages import (
+    CAN_IDS,
+    MESSAGE_TYPES,
+    HandWheelFeedback,
+    HandWheelState,
+    HandWheelStatus,
+    SteeringForce,
+)
 from ..runtime.command_line import output_file, run_main
 from ..runtime.node import ReportingNode
 from ..runtime.program.fail_if_conditions import (
@@ -18,12 +27,15 @@ from ..runtime.program.fail_if_conditions import (
     add_fail_if_argument,
 )
 from ..runtime.program.node_options import load_program_settings, make_parser
-from ..runtime.program.run_node import Edge, run_node
+from ..runtime.program.run_node import run_node
+from ..runtime.settings import SettingsError
 from .node import RECEIVED, SENT, HandWheelNode
 from .settings import PRESETS, HandWheelSettings, shared_vehicle
 from .trace import SAMPLES_MAX, write_hand_wheel_trace
 
 NAME = "steer-by-wire hand-wheel"
+_OURS = (SteeringForce, HandWheelState, HandWheelFeedback, HandWheelStatus)
+"""What no signal of a car carries."""
 QUANTITIES = {
     "wheel_amplitude_rad": Quantity(lambda report: report["node"]["amplitude_rad"] or 0.0),
     "wheel_safe_stops": Quantity(lambda report: float(report["node"]["safe_stops"])),
@@ -49,20 +61,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every cycle, CSV")
     add_fail_if_argument(parser, ENDING.quantities)
+    add_dialect_argument(parser)
+    parser.set_defaults(key_file=None)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
+def refuse_dialect(language: BusLanguage) -> None:
+    """Raise SettingsError for a dialect that does not keep the messages of a hand wheel."""
+    kept = CAN_IDS.values() if language.car is None else language.car.kept_ids
+    lacking = [
+        name for name, kind in MESSAGE_TYPES.items() if kind in _OURS and CAN_IDS[kind] not in kept
+    ]
+    if lacking:
+        raise SettingsError(
+            f"{language.file}: keep lacks {', '.join(lacking)}, which no signal of a car carries:"
+            " add them to keep, or run without --dialect"
+        )
+
+
 def _run(options: argparse.Namespace) -> int:
-    vehicle = shared_vehicle(options.vehicle)
+    language, vehicle = read_language(options.dialect), shared_vehicle(options.vehicle)
+    refuse_dialect(language)
     settings = load_program_settings(HandWheelSettings, PRESETS, options, (), vehicle)
     samples_max = 0 if options.trace is None else SAMPLES_MAX
 
     def make_node(start_ns: int) -> ReportingNode:
-        return HandWheelNode(settings, start_ns, samples_max)
+        return language.at_edge(HandWheelNode(settings, start_ns, samples_max), None, start_ns)
 
     def conclude(node: HandWheelNode) -> None:
         if options.trace is not None:
             write_hand_wheel_trace(options.trace, node.samples)
 
-    edge = Edge({CAN_IDS[kind] for kind in (*RECEIVED, *SENT)})
+    edge = open_edge(None, (*RECEIVED, *SENT), options, language)
     return run_node(NAME, options, settings, make_node, conclude, edge, ENDING)

@@ -122,7 +122,8 @@ def _run(options: argparse.Namespace) -> int:
         return language.at_edge(node, End.CONTROLLER, start_ns)
 
     concluded = partial(conclude, settings)
-    edge = open_edge(End.CONTROLLER, (*RECEIVED, HandWheelState, *SENT), options, language)
+    of_hand_wheel = (HandWheelState,) if settings.hand_wheel else ()
+    edge = open_edge(End.CONTROLLER, (*RECEIVED, *of_hand_wheel, *SENT), options, language)
     return run_node(NAME, options, settings, make_node, concluded, edge, ENDING)
 
 

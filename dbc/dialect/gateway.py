@@ -31,18 +31,20 @@ HOLD_NS = 250_000_000
 class Gateway(Wrapper[N]):
     """Runs ``node`` as one end of a car's bus.
 
-    ``end``  the one at which the node is
+    ``end``  the one at which the node is; None for a hand wheel, which hears the plant and of a car
+             sends nothing
     """
 
-    def __init__(self, node: N, dialect: Dialect, end: End, start_ns: int) -> None:
+    def __init__(self, node: N, dialect: Dialect, end: End | None, start_ns: int) -> None:
         super().__init__(node)
         self._kept_ids = dialect.kept_ids
         self._sent = [
             (message, PeriodicTimer(start_ns, round(message.settings.cycle_ms * NS_PER_MS)))
-            for message in dialect.sent_by(end)
+            for message in (dialect.sent_by(end) if end else ())
         ]
         self._due_ns = start_ns if self._sent else NEVER_NS
-        self._reader = CarReader(dialect, (one for one in dialect.sent_by(end.peer) if one.carries))
+        heard = dialect.sent_by(end.peer if end else End.PLANT)
+        self._reader = CarReader(dialect, (one for one in heard if one.carries))
         self._values: dict[Quantity, float] = {}
         self._known_until_ns = dict.fromkeys(Quantity, -1)
         self._sent_counts = Counter[str]()

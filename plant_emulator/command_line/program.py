@@ -90,7 +90,8 @@ def _run(options: argparse.Namespace) -> int:
         return with_faults(spoken, settings.faults, settings.seed, messages_in(language))
 
     conclude = partial(_conclude, options)
-    edge = open_edge(End.PLANT, (*RECEIVED, *OF_HAND_WHEEL, *SENT), options, language)
+    of_hand_wheel = OF_HAND_WHEEL if settings.hand_wheel else ()
+    edge = open_edge(End.PLANT, (*RECEIVED, *of_hand_wheel, *SENT), options, language)
     return run_node(NAME, options, settings, make_node, conclude, edge, ENDING)
 
 
