@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from ...runtime.array_types import FloatArray
-from ..law_interface import History, LawInput, LoopDelay, VehicleReading
+from ..history.history import RING_SIZE, empty_history
+from ..law_interface import LawInput, LoopDelay, VehicleReading
 from ..laws.law_from_settings import LawDesign
 from .linear_system import filled, floats_of
 from .loop_signals import Timing
 
-_RING = 4096
 _UNIT = 2.0**-20
 """A small unit, so that no limit is met; scaling by a power of two rounds nothing."""
 _SETTLED_NS = 1_500_000_000
@@ -41,9 +41,9 @@ def unit_responses(
     for sample in samples:
         numbers += [(ring, sample) for ring in loop_input.measured]
     for ring, number in numbers:
-        ring[number % _RING] = _UNIT
+        ring[number % RING_SIZE] = _UNIT
         responses.append(design.step(params, rest, loop_input.observed(tick)))
-        ring[number % _RING] = 0.0
+        ring[number % RING_SIZE] = 0.0
     rest_rows, *rows = [[*own_floats(state), output.steer_rad] for state, output in responses]
     columns: FloatArray = (np.array(rows) - np.array(rest_rows)) / _UNIT
     return columns.T
@@ -74,33 +74,22 @@ class _LoopInput:
         self._speed_m_s = speed_m_s
         self._timing, self._delay_ns = timing, timing.echoed_delay_ns()
         self.period_ns = timing.loop_delay.period_ns
-        self.sent_rad = [0.0] * _RING
-        self.lateral_error_m = [0.0] * _RING
-        self.heading_error_rad = [0.0] * _RING
-        self.wheel_rad = [0.0] * _RING
-        self.measured = self.lateral_error_m, self.heading_error_rad, self.wheel_rad
-        applied = [-1] * _RING
+        self._history = empty_history(keeps_plans=False)
+        self.sent_rad, self.lateral_error_m = self._history.sent_rad, self._history.lateral_error_m
+        self.measured = (
+            self.lateral_error_m, self._history.heading_error_rad, self._history.wheel_rad
+        )  # fmt: skip
         last = timing.first_sample + timing.samples
-        for sample in range(max(0, last - _RING + 1), last + 1):
-            applied[sample % _RING] = timing.applied_tick(sample)
-        self._history = History(
-            _RING - 1,
-            _RING - 1,
-            self.sent_rad,
-            self.lateral_error_m,
-            self.heading_error_rad,
-            [True] * _RING,
-            applied,
-            [False] * _RING,
-            self.wheel_rad,
-        )
+        for sample in range(max(0, last - RING_SIZE + 1), last + 1):
+            self._history.has_error[sample % RING_SIZE] = True
+            self._history.applied_tick[sample % RING_SIZE] = timing.applied_tick(sample)
 
     def observed(self, tick: int) -> LawInput:
         """Return the law's input at a tick."""
         newest = self._timing.newest_sample(tick)
         return LawInput(
-            self.lateral_error_m[newest % _RING],
-            self.sent_rad[(tick - 1) % _RING],
+            self.lateral_error_m[newest % RING_SIZE],
+            self.sent_rad[(tick - 1) % RING_SIZE],
             VehicleReading(self._speed_m_s, 0.0, 0.0),
             LoopDelay(tick, newest, newest, self._delay_ns, True),
             self._history,

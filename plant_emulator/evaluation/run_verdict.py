@@ -60,8 +60,7 @@ from ...dbc.messages import LateralError, limits
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import Settings
 from ..vehicle.settings import VehicleSettings
-from .amplitude_and_rhythm import fast_half
-from .error_windows import WINDOW_SHARE_MAX, WindowFigures, window_figures
+from .error_windows import WINDOW_SHARE_MAX, WindowFigures, fast_half, window_figures
 
 JudgedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
 """The car is where its centre of gravity is; the preview point lies ahead of it."""

@@ -3,6 +3,10 @@
 LATENCY_CONFIG and DISTURBANCE_CONFIG have neither counter nor CRC, LATENCY_SET and
 DISTURBANCE_SET have both, and nothing proves who sent any of them. So a plant refuses them
 unless its settings allow them, and keeps, prints and reports each one that it takes.
+
+A disturbance takes the place of those of the settings. A friction that no step of the settings has
+needs new transition tables. Computing them takes some tens of milliseconds, during which the plant
+takes no sample.
 """
 
 from collections.abc import Mapping
@@ -12,6 +16,11 @@ from ...dbc.messages import MESSAGE_TYPES, DisturbanceChange, LatencyChange
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ..settings import PlantSettings
+from ..vehicle.car.car_design import under_load
+from ..vehicle.car.car_motion import CarMotionParams
+from ..vehicle.disturbance import Load, disturbance_interval
+from ..vehicle.motion_parameters import transitions, vehicle_params
+from ..vehicle.moving_vehicle import AnyMotionParams
 
 KEPT_MAX = 1000
 """How many are kept, the first; all are counted."""
@@ -87,6 +96,33 @@ class Interventions:
         """Return all that is kept, ready for JSON."""
         kept = [each.report() for each in self.kept]
         return {"count": self.count, "kept": kept}
+
+
+class LiveDisturbances:
+    """Turns requests for a disturbance into parameters of the motion.
+
+    ``asked``  the newest request that the motion has not taken yet; None for none
+    """
+
+    def __init__(self, settings: PlantSettings, params: AnyMotionParams) -> None:
+        self._vehicle = vehicle_params(settings.vehicle)
+        self._arm_m = settings.disturbance.side_force_arm_m
+        self._params = params
+        self.asked: DisturbanceChange | None = None
+
+    def taken(self, asked: DisturbanceChange) -> AnyMotionParams:
+        """Return the parameters of the motion from now on, with the requested disturbance."""
+        self.asked = None
+        # Rounded, so that 1 - 0.7 equals a 0.3 in the settings.
+        load = Load(*asked[:3], round(1.0 - asked.friction_loss, 6))
+        if isinstance(self._params, CarMotionParams):
+            loaded = [under_load(x, load, self._arm_m) for x in self._params.intervals]
+            self._params = self._params._replace(intervals=loaded)
+        else:
+            intervals = [disturbance_interval(0, load, self._arm_m, self._vehicle)]
+            table, rows = transitions(self._vehicle, self._params.actuator, intervals)
+            self._params = self._params._replace(intervals=intervals, table=table, first_rows=rows)
+        return self._params
 
 
 def _name(message: LatencyChange | DisturbanceChange) -> str:

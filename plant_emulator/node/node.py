@@ -65,8 +65,7 @@ from ..vehicle.exact_propagation import DELTA, PSI, RHO, Y
 from ..vehicle.motion_parameters import vehicle_params
 from ..vehicle.moving_vehicle import AnyMotionParams
 from ..vehicle.plugin_equations import make_motion
-from .disturbances_set_by_tools import LiveDisturbances
-from .interventions import Interventions
+from .interventions import Interventions, LiveDisturbances
 from .plant_status import PlantStatusFrames, PlantStatusTiming
 from .self_detected_faults import (
     LEFT_PATH,
@@ -208,7 +207,7 @@ class PlantNode:
             elif isinstance(received, LatencyChange):
                 self._network.reconfigure(received)
             else:
-                self._live_disturbances.ask(received)
+                self._live_disturbances.asked = received
                 self.deadline_ns = min(self.deadline_ns, now_ns)
         elif isinstance(received, Rejection) and frame.can_id in _STEERING_IDS:
             self._unit.on_rejection()
@@ -247,9 +246,9 @@ class PlantNode:
             if force_timer is not None and force_timer.deadline_ns < due_ns:
                 due_ns = force_timer.deadline_ns
             if due_ns > now_ns:
-                if self._live_disturbances.is_asked:
+                if (asked := self._live_disturbances.asked) is not None:
                     self._advance(now_ns)
-                    self._motion.disturb(self._live_disturbances.params())
+                    self._motion.disturb(self._live_disturbances.taken(asked))
                 if self._asked_speed_m_s is not None:
                     self._advance(now_ns)
                     self._motion.limit_speed(self._asked_speed_m_s)
