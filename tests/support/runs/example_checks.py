@@ -58,6 +58,13 @@ def check_own_disturbance(runs: Any) -> None:
     assert 0.4 < ddob < pd < 1.5
 
 
+def check_felt_delay(swings: Any) -> None:
+    late, damped, observed = swings.values()
+    assert max(late[:3]) < 0.01 < 1.0 < min(late[4:])  # 116 ms, as run says
+    assert max(damped[:5]) < 0.01 < damped[-1]
+    assert max(observed) < 0.01
+
+
 def check_own_law(runs: Any) -> None:
     pd_mm, own_mm = (1e3 * run.preview_rms_m for run in runs.values())
     assert 28.0 < pd_mm < 35.0
@@ -88,6 +95,7 @@ CHECKS: dict[str, Callable[[Any], None]] = {
     "own_path": check_own_path,
     "own_vehicle": check_own_vehicle,
     "own_disturbance": check_own_disturbance,
+    "felt_delay": check_felt_delay,
     "own_law": check_own_law,
     "networked_prediction": check_networked_prediction,
     "packetised_mpc": check_packetised_mpc,
