@@ -17,11 +17,11 @@ Deadlines are absolute, so that one late tick makes no later tick late.
 
 import time
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from ..frame import ERROR, Frame
 from .node import NS_PER_S, Node
-from .statistics import DurationStatistics, DurationSummary
+from .statistics import DurationStatistics, durations_report
 
 FRAMES_PER_WAKE_UP_MAX = 256
 TICKS_PER_WAKE_UP_MAX = 10_000
@@ -54,30 +54,6 @@ class Port(Protocol):
         ...
 
 
-class LoopFigures(NamedTuple):
-    """Statistics of a run.
-
-    ``lateness``         how long after its deadline each tick ran
-    ``overdue``          wake-ups that ended after the next deadline. Deadlines that are close
-                         together cause this in a healthy node too; the node itself counts missed
-                         periods
-    ``wake_ups``         turns of the loop
-    ``full_wake_ups``    wake-ups that reached FRAMES_PER_WAKE_UP_MAX
-    ``frames_refused``   frames of the node for which the bus had no room; they are lost
-    ``busy_ns``          part of ``duration_ns`` spent outside of waiting [ns]
-    """
-
-    lateness: DurationSummary
-    overdue: int
-    wake_ups: int
-    full_wake_ups: int
-    frames_received: int
-    frames_sent: int
-    frames_refused: int
-    duration_ns: int
-    busy_ns: int
-
-
 class RealTimeExecutor:
     """Runs ``node`` on ``port``.
 
@@ -101,20 +77,29 @@ class RealTimeExecutor:
         self._frames_received = self._frames_sent = self._frames_refused = 0
         self._duration_ns = self._busy_ns = 0
 
-    @property
-    def figures(self) -> LoopFigures:
-        """Figures of the run so far."""
-        return LoopFigures(
-            self._lateness.summary(),
-            self._overdue,
-            self._wake_ups,
-            self._full_wake_ups,
-            self._frames_received,
-            self._frames_sent,
-            self._frames_refused,
-            self._duration_ns,
-            self._busy_ns,
-        )
+    def report(self) -> dict[str, Any]:
+        """Return the figures of the run so far, ready for JSON.
+
+        ``lateness``         how long after its deadline each tick ran
+        ``overdue``          wake-ups that ended after the next deadline. Deadlines that are close
+                             together cause this in a healthy node too; the node itself counts
+                             missed periods
+        ``wake_ups``         turns of the loop
+        ``full_wake_ups``    wake-ups that reached FRAMES_PER_WAKE_UP_MAX
+        ``frames_refused``   frames of the node for which the bus had no room; they are lost
+        ``busy_fraction``    part of ``duration_s`` spent outside of waiting
+        """
+        return {
+            "lateness": durations_report(self._lateness.summary()),
+            "overdue": self._overdue,
+            "wake_ups": self._wake_ups,
+            "full_wake_ups": self._full_wake_ups,
+            "frames_received": self._frames_received,
+            "frames_sent": self._frames_sent,
+            "frames_refused": self._frames_refused,
+            "duration_s": self._duration_ns / NS_PER_S,
+            "busy_fraction": self._busy_ns / self._duration_ns if self._duration_ns else 0.0,
+        }
 
     def run(self, should_stop: Callable[[], bool]) -> None:
         """Run until the node has finished or ``should_stop()``; raises what the port raises.

@@ -9,9 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from ..command_line import DISTRIBUTION
-from ..node import NS_PER_S
-from ..node.real_time_loop import LoopFigures
-from ..node.statistics import durations_report
 from ..output_file import write_text
 from ..settings import Settings
 
@@ -21,10 +18,10 @@ def run_report(
     ended_by: str,
     bus: str,
     settings: Settings,
-    loop: LoopFigures,
+    loop: Mapping[str, Any],
     node: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return the report of one run; ``node`` is what the node itself reports."""
+    """Return the report of one run, with those of the real-time loop and of the node."""
     return {
         "program": program,
         "version": version(DISTRIBUTION),
@@ -32,19 +29,8 @@ def run_report(
         "ended_by": ended_by,
         "bus": bus,
         "settings": settings.model_dump(mode="json"),
-        "loop": loop_report(loop),
+        "loop": loop,
         "node": dict(node),
-    }
-
-
-def loop_report(figures: LoopFigures) -> dict[str, Any]:
-    """Return the figures of a real-time loop, times in seconds."""
-    report = figures._asdict()
-    duration_ns, busy_ns = report.pop("duration_ns"), report.pop("busy_ns")
-    return report | {
-        "lateness": durations_report(figures.lateness),
-        "duration_s": duration_ns / NS_PER_S,
-        "busy_fraction": busy_ns / duration_ns if duration_ns else 0.0,
     }
 
 

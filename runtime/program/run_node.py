@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from ..command_line import say
 from ..exit_status import BusError, ExitStatus, most_severe
 from ..node import NS_PER_S, N, ReportingNode, innermost
-from ..node.real_time_loop import LoopFigures, RealTimeExecutor, unobserved
+from ..node.real_time_loop import RealTimeExecutor, unobserved
 from ..port.port import Connection, open_port
 from ..port.python_can import shutting_down
 from ..recording.recorder import Recording, RecordingPort
@@ -59,7 +59,7 @@ class _Run(NamedTuple):
     ended_by: str
     failure: str
     status: ExitStatus
-    loop: LoopFigures
+    loop: Mapping[str, Any]
     host: Mapping[str, Any]
 
 
@@ -174,4 +174,4 @@ def _run_in_real_time(
             screen.close()
     ended_by = failure or stop.reason or FINISHED
     host = {"answers": [answer._asdict() for answer in answers]}
-    return node, _Run(ended_by, failure, status, executor.figures, host)
+    return node, _Run(ended_by, failure, status, executor.report(), host)

@@ -7,13 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.runtime.node.real_time_loop import LoopFigures
-from steer_by_wire.runtime.node.statistics import DurationSummary
-from steer_by_wire.runtime.program.report import loop_report, write_json
-
-SUMMARY = DurationSummary(
-    samples=2, mean_ns=1_500_000.0, p50_ns=1_000_000, p99_ns=2_000_000, max_ns=2_000_000
-)
+from steer_by_wire.runtime.program.report import write_json
 
 
 def test_numbers_that_json_does_not_have_become_null_however_deep(tmp_path: Path) -> None:
@@ -52,24 +46,3 @@ def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path: Path) -> None:
         assert json.loads(os.read(reader, 1000)) == {"run": 1}
     finally:
         os.close(reader)
-
-
-@pytest.mark.parametrize(("duration_ns", "fraction"), [(2_000_000_000, 0.25), (0, 0.0)])
-def test_a_loop_is_reported_with_the_share_of_time_it_worked(
-    duration_ns: int, fraction: float
-) -> None:
-    figures = LoopFigures(
-        lateness=SUMMARY,
-        overdue=1,
-        wake_ups=2,
-        full_wake_ups=0,
-        frames_received=3,
-        frames_sent=4,
-        frames_refused=0,
-        duration_ns=duration_ns,
-        busy_ns=500_000_000,
-    )
-    report = loop_report(figures)
-    assert report["busy_fraction"] == fraction
-    assert report["duration_s"] == duration_ns / 1e9
-    assert report["overdue"] == 1
