@@ -55,7 +55,6 @@ class RestBus:
         heapify(self._due)
         self.next_due_ns = self._due[0][0]
         self._counts = [0] * len(ranked)
-        self.senders = frozenset(one.sender for one in ranked)
 
     def join(self, ticks: BitTicks) -> None:
         """Take part in a bus; called by its model."""

@@ -5,7 +5,8 @@ import random
 import pytest
 
 from steer_by_wire.runtime.bus_model.bit_noise import BusNoise
-from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, ErrorCounters
+from steer_by_wire.runtime.bus_model.bit_ticks import bit_ticks
+from steer_by_wire.runtime.bus_model.bus_errors import BusErrors
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.socketcan_error_frames import BIT_ERROR
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
@@ -131,17 +132,10 @@ def test_a_rate_that_makes_no_sense_is_refused(rate: float) -> None:
         BusNoise(rate, BITRATE_BIT_S, 1)
 
 
-def test_the_counters_follow_the_standard() -> None:
-    counters = ErrorCounters()
-    for _ in range(200):
-        counters.on_error(is_own=False)
-    assert counters.receive == 128
-    counters.on_whole(is_own=False)
-    assert 119 <= counters.receive <= 127
-    for _ in range(31):
-        counters.on_error(is_own=True)
-    counters.on_whole(is_own=True)
-    assert (counters.transmit, counters.is_off) == (247, False)
-    for _ in range(2):
-        counters.on_error(is_own=True)
-    assert counters.is_off
+def test_the_counter_of_a_sender_follows_the_standard() -> None:
+    errors, ticks = errors_at(), bit_ticks(BITRATE_BIT_S, BITRATE_BIT_S)
+    assert not any(errors.on_destroyed(0, 0, ticks) for _ in range(31))
+    errors.on_whole(0)
+    assert [errors.on_destroyed(0, 0, ticks) for _ in range(2)] == [False, True]
+    assert errors.is_off(0, 0)
+    assert not errors.is_off(1, 0)

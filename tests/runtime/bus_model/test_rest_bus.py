@@ -73,11 +73,7 @@ def drive(
 def errors_with(bit_error_rate: float | None) -> BusErrors | None:
     if bit_error_rate is None:
         return None
-    noise = BusNoise(bit_error_rate, BITRATE_BIT_S, 5)
-    errors = BusErrors(noise.first_hit_ns)
-    for node in range(-5, 2):
-        errors.join(node)
-    return errors
+    return BusErrors(BusNoise(bit_error_rate, BITRATE_BIT_S, 5).first_hit_ns)
 
 
 @pytest.mark.parametrize("bit_error_rate", RATES)
