@@ -67,7 +67,7 @@ class BusModel:
     ``bitrate_bit_s``       nominal bit rate [bit/s]
     ``data_bitrate_bit_s``  that of FD frames' data phase with BITRATE_SWITCH; the same unless given
     ``queue_limit``         size of each transmit buffer [frames]
-    ``errors``              noise and the counters of its errors; without them every frame is sent whole
+    ``errors``              noise and error counters; without them every frame is sent whole
     ``traffic``             what else is sent, by nodes of negative numbers
 
     ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with no submitted frame

@@ -7,8 +7,7 @@ from struct import Struct
 
 from .frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, ERROR, EXTENDED, FD, REMOTE, Frame
 
-EFF_FLAG = 0x8000_0000
-_RTR_FLAG, _ERR_FLAG = 0x4000_0000, 0x2000_0000
+_EFF_FLAG, _RTR_FLAG, _ERR_FLAG = 0x8000_0000, 0x4000_0000, 0x2000_0000
 _SFF_MASK, _EFF_MASK, _ERR_MASK = 0x7FF, 0x1FFF_FFFF, 0x1FFF_FFFF
 _FD_BRS, _FD_MARK = 0x01, 0x04
 
@@ -27,7 +26,7 @@ def packed(frame: Frame) -> bytes:
     if len(data) > (64 if flags & FD else CLASSIC_LENGTH_MAX):
         raise ValueError(f"{len(data)} bytes are too many for a frame")
     if flags:
-        can_id |= (flags & EXTENDED and EFF_FLAG) | (flags & REMOTE and _RTR_FLAG)
+        can_id |= (flags & EXTENDED and _EFF_FLAG) | (flags & REMOTE and _RTR_FLAG)
         can_id |= flags & ERROR and _ERR_FLAG
         if flags & FD:
             fd_flags = _FD_MARK | (_FD_BRS if flags & BITRATE_SWITCH else 0)
@@ -50,7 +49,7 @@ def unpacked(raw: bytes) -> Frame:
     if can_id & _RTR_FLAG:
         # Its length is the requested one; there is no payload.
         flags, length = flags | REMOTE, 0
-    if can_id & EFF_FLAG:
+    if can_id & _EFF_FLAG:
         return Frame(can_id & _EFF_MASK, data[:length], flags | EXTENDED)
     return Frame(can_id & _SFF_MASK, data[:length], flags)
 

@@ -17,11 +17,12 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 
+from can.interfaces.socketcan.utils import pack_filters
 from can.typechecking import CanFilter
 
 from ..exit_status import BusError, cause_of
 from ..frame import FD, Frame
-from ..frame.socketcan_layout import EFF_FLAG, FD_FRAME, packed, unpacked
+from ..frame.socketcan_layout import FD_FRAME, packed, unpacked
 from ..node import NS_PER_S
 from ..node.real_time_loop import Received
 
@@ -31,7 +32,6 @@ _CAN_RAW_FILTER, _CAN_RAW_ERR_FILTER, _CAN_RAW_FD_FRAMES = 1, 2, 5
 _SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
 _ERR_MASK = 0x1FFF_FFFF
 
-_FILTER = struct.Struct("=II")
 _TIMESPEC = struct.Struct("@ll")
 _COUNT = struct.Struct("=I")
 _ANCILLARY_BYTES = 128
@@ -77,7 +77,7 @@ class SocketCanPort:
 
     def set_filters(self, filters: Sequence[CanFilter] | None) -> None:
         """Receive the frames that match ``filters``, and error frames; None: everything."""
-        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, packed_filters(filters))
+        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, checked_filters(filters))
 
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
@@ -168,21 +168,9 @@ def wall_minus_monotonic_ns() -> int:
     return min(readings)[1]
 
 
-def packed_filters(filters: Sequence[CanFilter] | None) -> bytes:
-    """Return ``filters`` as an array of the kernel's ``struct can_filter``.
-
-    Raises ValueError for invalid filters.
-    """
-    if filters is None:
-        return _FILTER.pack(0, 0)
-    entries = []
+def checked_filters(filters: Sequence[CanFilter] | None) -> bytes:
+    """Return ``filters`` as the kernel takes them; raises ValueError for invalid ones."""
     try:
-        for wanted in filters:
-            can_id, mask = wanted["can_id"], wanted["can_mask"]
-            if "extended" in wanted:
-                mask |= EFF_FLAG
-                can_id |= EFF_FLAG if wanted["extended"] else 0
-            entries.append(_FILTER.pack(can_id & 0xFFFF_FFFF, mask & 0xFFFF_FFFF))
+        return pack_filters(filters)
     except (KeyError, TypeError, struct.error) as error:  # from configuration files
         raise ValueError(f"{filters!r} is no list of {{can_id, can_mask}} of integers") from error
-    return b"".join(entries)
