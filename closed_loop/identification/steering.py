@@ -68,7 +68,9 @@ def identify_steering(
 
     def best(starts: Iterable[Sequence[float] | FloatArray]) -> Any:
         slopes = partial(_differences, errors)
-        ends = [least_squares(errors, x, bounds=limits, jac=slopes) for x in starts]
+        ends = [
+            least_squares(errors, np.clip(x, *limits), bounds=limits, jac=slopes) for x in starts
+        ]
         return min(ends, key=lambda one: float(one.cost))
 
     rough = best((lag, dead, 0.1) for lag in (1.0, 8.0) for dead in (0.5, 5.0))

@@ -87,6 +87,12 @@ def test_lag_dead_time_and_play_lie_in_their_intervals(lag_s, dead_s, play_rad) 
     assert figures["dead_band_rad"].value == pytest.approx(play_rad, abs=2e-4)
 
 
+def test_a_wheel_that_is_where_it_is_told_to_be_has_next_to_no_lag() -> None:
+    time_s, _, command = follower(0.05, 0.0, 0.0)
+    lag, *_ = identify_steering(time_s, command, command).figures
+    assert lag.value < 1e-3
+
+
 def test_a_network_is_told_as_it_was_sent(bus) -> None:
     text = network_toml(bus.figures, bus.latencies)
     latency = load_settings(PlantSettings, overrides=_overrides(text)).latency
