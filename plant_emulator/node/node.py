@@ -19,8 +19,15 @@ The vehicle stands at the start of its path until the first valid command arrive
 its latency. So two programs started one after the other drive the same run as two nodes in virtual
 time.
 
-A fault that the plant detects in itself (``node.self_detected_faults``) ends the run: the steering
-enters its SAFE_STATE, reports it, and after its fallback the node has finished.
+A fault that the plant detects in itself ends the run, because its own measurements, or its wheel,
+are no longer reliable: the steering enters its SAFE_STATE, reports the first one for at least
+REPORTING_NS, and after its fallback the node has finished.
+
+    fault                                                                found at
+    the sensors do not keep their rate (``runtime.node.overruns``)       a sample
+    the vehicle's state is not finite (``vehicle.moving_vehicle``)       any event
+    a car has left its path (``vehicle.car.car_motion``)                 any event
+    a command that passed reception is not finite                        that command
 """
 
 import math
@@ -48,6 +55,7 @@ from ...dbc.messages import (
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, View
+from ...runtime.node.overruns import OverrunSupervision, overrun_rule
 from ...runtime.node.periodic import PeriodicTimer
 from ..evaluation.report_in_json import line_report, motion_report, reception_report
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
@@ -67,12 +75,6 @@ from ..vehicle.moving_vehicle import AnyMotionParams
 from ..vehicle.plugin_equations import make_motion
 from .interventions import Interventions, LiveDisturbances
 from .plant_status import PlantStatusFrames, PlantStatusTiming
-from .self_detected_faults import (
-    LEFT_PATH,
-    NOT_FINITE_COMMAND,
-    NOT_FINITE_VEHICLE,
-    SelfDetectedFault,
-)
 from .settings_without_effect import settings_without_effect, undrivable_by
 
 STEERING = (SteeringCommand, SteeringPlan)
@@ -88,6 +90,15 @@ OF_HAND_WHEEL: tuple[type[Message], ...] = (HandWheelState, HandWheelFeedback)
 """What it receives as well where a hand wheel may steer."""
 SENT = sent_by("PLANT")
 """What the plant alone sends."""
+REPORTING_NS = NS_PER_S
+"""Shortest time from a fault to the end of the run: long enough for ten PLANT_STATUS, and for a
+STEERING_STATUS with a long latency. With ``fallback = "keep"`` nothing else delays the end."""
+NOT_FINITE_VEHICLE = "the vehicle's state is not finite"
+LEFT_PATH = (
+    "the car has left its path: it stands more than 60 degrees across it, or near the centre of a"
+    " bend; less speed or more grip would have held it"
+)
+NOT_FINITE_COMMAND = "a command that came through was not finite"
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _STEERING_IDS = frozenset(CAN_IDS[message_type] for message_type in STEERING)
 _MODES: Mapping[GuardMode, str] = {
@@ -128,7 +139,8 @@ class PlantNode:
         self._unit = SteeringUnit(
             design_guard(settings.safety, settings.vehicle, settings.actuator)
         )
-        self._own_fault = SelfDetectedFault(settings.overruns)
+        self._overruns = OverrunSupervision(overrun_rule(settings.overruns))
+        self._failure, self._reported_ns = "", NEVER_NS
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
         self._status_timing = PlantStatusTiming(start_ns)
         self.deadline_ns = start_ns
@@ -284,7 +296,7 @@ class PlantNode:
     def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
         """Return what a user should see now."""
         unit, reception, network = self._unit, self._reception, self._network
-        failure, command = self._own_fault.failure, self._command
+        failure, command = self._failure, self._command
         reported = ""
         if command is not None and command.mode is not Mode.ACTIVE:
             reported = f"the controller reports {command.mode.name}"
@@ -326,7 +338,7 @@ class PlantNode:
         settings, clamped = self._settings, self._sampling.frames.clamped
         return {
             "seed": settings.seed,
-            "failure": self._own_fault.failure,
+            "failure": self._failure,
             **motion_report(
                 self._record.figures,
                 self._motion.time_ns,
@@ -368,8 +380,10 @@ class PlantNode:
         return motion_ns
 
     def _fail(self, failure: str, due_ns: int) -> None:
-        self._own_fault.on_fault(failure, due_ns)
-        self._unit.on_own_fault(self._own_fault.failure, self._motion_ns(due_ns))
+        """Enter the safe state because of a fault of the plant itself; the first one stays."""
+        if not self._failure:
+            self._failure, self._reported_ns = failure, due_ns + REPORTING_NS
+        self._unit.on_own_fault(self._failure, self._motion_ns(due_ns))
 
     def _apply(self, due_ns: int) -> None:
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
@@ -418,9 +432,8 @@ class PlantNode:
 
     def _sense(self, time_ns: int) -> None:
         motion_ns = self._advance(time_ns)
-        self._own_fault.on_sample(self._sensor_timer, time_ns)
-        if self._own_fault.failure:
-            self._fail(self._own_fault.failure, time_ns)
+        if not self._overruns.on_tick(self._sensor_timer) or self._failure:
+            self._fail(self._overruns.failure, time_ns)
         if self._plans.plan is not None:
             played = self._plans.play(self._sampling.frames.next_sample)
             if played is not None:
@@ -437,7 +450,7 @@ class PlantNode:
                 latencies_s = (self._command_latency_s, self._network.measured_latency_s)
                 self._record.on_sample(self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
-        if time_ns >= self._own_fault.reported_ns and self._unit.has_fallen_back:
+        if time_ns >= self._reported_ns and self._unit.has_fallen_back:
             brakes = self._settings.safety.stop_m_s2 is not None and motion.is_finite
             self.finished = self.finished or not brakes or motion.speed_m_s == 0.0
         applied = 0 if self._command is None else self._command.command_counter

@@ -22,7 +22,7 @@ from steer_by_wire.dbc.messages import (
     decode,
 )
 from steer_by_wire.plant_emulator.command_line import program
-from steer_by_wire.plant_emulator.node.self_detected_faults import (
+from steer_by_wire.plant_emulator.node.node import (
     NOT_FINITE_COMMAND,
     NOT_FINITE_VEHICLE,
     REPORTING_NS,
