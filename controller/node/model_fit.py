@@ -28,7 +28,7 @@ from ..filters.nominal_model import NominalVehicle, understeer_gradient_s2_m
 from ..limits.designed_ranges import ValiditySettings
 from ..prediction.regression import Coefficients, regressed
 from ..settings import ControllerSettings
-from .plausibility import Motion, nominal_vehicle
+from .plausibility import nominal_vehicle
 
 COMPARED = frozenset({"yaw_rate_rad_s", "wheel_angle_rad", "speed_m_s"})
 """The plant's signals without any of which nothing can be said."""
@@ -77,8 +77,11 @@ class FitParams(NamedTuple):
     vehicle: NominalVehicle
 
 
-def fit_params(vehicle: NominalVehicle, box: ValiditySettings) -> FitParams:
-    """Return the parameters of a box around a nominal vehicle."""
+def fit_params(settings: ControllerSettings) -> FitParams | None:
+    """Return the parameters; None where the settings state no vehicle or no box."""
+    vehicle, box = nominal_vehicle(settings), settings.validity
+    if vehicle is None or box is None:
+        return None
     length_m = vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
     return FitParams(length_m, *gradients_s2_m(vehicle, box), vehicle)
 
@@ -200,44 +203,20 @@ def decay(x: float) -> float:
     return scale * (1.0 + rest * head)
 
 
-def model_fit(settings: ControllerSettings) -> "ModelFit | None":
-    """Return what judges the fit; None where the settings state no vehicle or no box."""
-    vehicle, box = nominal_vehicle(settings), settings.validity
-    return None if vehicle is None or box is None else ModelFit(fit_params(vehicle, box))
+def fit_report(p: FitParams, x: FitState) -> dict[str, Any]:
+    """Return what is known of the vehicle, ready for JSON.
 
-
-class ModelFit:
-    """Follows the vehicle's share of the box of ``params``."""
-
-    def __init__(self, params: FitParams) -> None:
-        self._params = params
-        self._x = start_fit()
-
-    @property
-    def fits(self) -> bool:
-        """Whether the vehicle is in the box, as far as is known."""
-        return self._x.fits
-
-    def step(self, motion: Motion) -> None:
-        """Take the means since the last step."""
-        lasted_s, v, yaw_rate_rad_s = motion[:3]
-        self._x = fit_step(self._params, self._x, lasted_s, v, yaw_rate_rad_s, motion.wheel_rad)
-
-    def report(self) -> dict[str, Any]:
-        """Return what is known of the vehicle, ready for JSON.
-
-        ``fits``             whether it is in the box, as far as is known
-        ``virtual_mass_kg``  that turns so on the settings' tyres, None while the speed shows
-                             nothing of it; ``virtual_mass_std_kg`` is its standard deviation
-        """
-        p, x = self._params, self._x
-        share, deviation = x.share[0], sqrt(x.share[2])
-        # The yaw rate, not K, is linear in the share.
-        v2, per_kg = x.speed_m_s**2, understeer_gradient_s2_m(p.vehicle) / p.vehicle.virtual_mass_kg
-        least, largest = (1.0 / (p.length_m + k * v2) for k in (p.least_s2_m, p.largest_s2_m))
-        gain = least + share * (largest - least)
-        if deviation > _DEVIATION_KNOWN_MAX or least - largest < WIDTH_MIN * least:
-            return {"fits": self.fits, "virtual_mass_kg": None, "virtual_mass_std_kg": None}
-        deviation_kg = deviation * (least - largest) / (gain * gain * v2 * abs(per_kg))
-        mass_kg = (1.0 / gain - p.length_m) / (v2 * per_kg)
-        return {"fits": self.fits, "virtual_mass_kg": mass_kg, "virtual_mass_std_kg": deviation_kg}
+    ``fits``             whether it is in the box, as far as is known
+    ``virtual_mass_kg``  that turns so on the settings' tyres, None while the speed shows nothing of
+                         it; ``virtual_mass_std_kg`` is its standard deviation
+    """
+    share, deviation = x.share[0], sqrt(x.share[2])
+    # The yaw rate, not K, is linear in the share.
+    v2, per_kg = x.speed_m_s**2, understeer_gradient_s2_m(p.vehicle) / p.vehicle.virtual_mass_kg
+    least, largest = (1.0 / (p.length_m + k * v2) for k in (p.least_s2_m, p.largest_s2_m))
+    gain = least + share * (largest - least)
+    if deviation > _DEVIATION_KNOWN_MAX or least - largest < WIDTH_MIN * least:
+        return {"fits": x.fits, "virtual_mass_kg": None, "virtual_mass_std_kg": None}
+    deviation_kg = deviation * (least - largest) / (gain * gain * v2 * abs(per_kg))
+    mass_kg = (1.0 / gain - p.length_m) / (v2 * per_kg)
+    return {"fits": x.fits, "virtual_mass_kg": mass_kg, "virtual_mass_std_kg": deviation_kg}

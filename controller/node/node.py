@@ -34,7 +34,7 @@ from ..settings import ControllerSettings
 from .command_frames import CommandFrames
 from .driver_link import DriverLink
 from .law_runner import LawRunner
-from .model_fit import COMPARED, model_fit
+from .model_fit import COMPARED, fit_params, fit_report, fit_step, start_fit
 from .modes import IN_WORDS, Supervisor, supervision_of
 from .newest_messages import RECEIVED, SENT, Received, plant_text
 from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
@@ -109,7 +109,7 @@ class ControllerNode:
         vehicle = nominal_vehicle(settings)
         self._plausibility = Plausibility(vehicle, has_plans=self._law.design.plan is not None)
         self._is_stopped = False
-        self._fit = model_fit(settings)
+        self._fit_params, self._fit = fit_params(settings), start_fit()
         self._safety = SafetyReport(
             settings.designed_ranges, self._received, self._supervisor, start_ns
         )
@@ -119,7 +119,7 @@ class ControllerNode:
         """Take the named signals of the plant for missing on this bus."""
         self._plausibility.leave_out(missing)
         if missing & COMPARED:
-            self._fit = None
+            self._fit_params = None
 
     @property
     def samples(self) -> Sequence[ControlSample]:
@@ -202,9 +202,8 @@ class ControllerNode:
         if self._status_timer.deadline_ns <= now_ns:
             served = self._status_timer.advance(now_ns)
             self._judge_signals(now_ns)
-            fits = self._fit is None or self._fit.fits
             delay_s = echo_delay_s(self._echo_rule, self._echo, now_ns)
-            self._safety.judge_validity(delay_s, fits_model=fits)
+            self._safety.judge_validity(delay_s, fits_model=self._fit.fits)
             self._figures.validity[self._safety.validity] += 1
             mode, skipped = self._supervisor.mode, self._control_timer.skipped
             frames.append(self._statuses.status(mode, self._law.output, skipped))
@@ -274,7 +273,7 @@ class ControllerNode:
             "skipped_ticks": timer.skipped,
             "failure": self._failure,
             "contradiction": self._plausibility.contradiction,
-            "model": None if self._fit is None else self._fit.report(),
+            "model": self._model,
             "believed": None if belief is None else belief._asdict(),
             "commands_sent": self._commands.sent.count,
             "plans_sent": self._commands.plans,
@@ -338,8 +337,11 @@ class ControllerNode:
         if stops and is_found:
             self._is_stopped = True
             self._supervisor.has_own_fault = True
-        if self._fit is not None:
-            self._fit.step(motion)
+        if self._fit_params is not None:
+            lasted_s, v, yaw_rate_rad_s, _, _, wheel_rad, _ = motion
+            self._fit = fit_step(
+                self._fit_params, self._fit, lasted_s, v, yaw_rate_rad_s, wheel_rad
+            )
 
     def _wanted_rad(self, now_ns: int, period: int) -> float:
         """Run the mode table and, if ACTIVE, the law; returns the command before the limits."""
@@ -413,5 +415,10 @@ class ControllerNode:
         belief = self._law.belief
         if belief is None:
             return ()
-        shown = None if self._fit is None else self._fit.report()["virtual_mass_kg"]
+        shown = None if self._model is None else self._model["virtual_mass_kg"]
         return (self._statuses.model(belief, shown),)
+
+    @property
+    def _model(self) -> Mapping[str, Any] | None:
+        """The vehicle as its yaw rate shows it; None without a box of [validity]."""
+        return None if self._fit_params is None else fit_report(self._fit_params, self._fit)

@@ -74,7 +74,7 @@ from ..vehicle.motion_parameters import vehicle_params
 from ..vehicle.moving_vehicle import AnyMotionParams
 from ..vehicle.plugin_equations import make_motion
 from .interventions import Interventions, LiveDisturbances
-from .plant_status import PlantStatusFrames, PlantStatusTiming
+from .plant_status import PlantStatusReports
 from .settings_without_effect import settings_without_effect, undrivable_by
 
 STEERING = (SteeringCommand, SteeringPlan)
@@ -142,7 +142,7 @@ class PlantNode:
         self._overruns = OverrunSupervision(overrun_rule(settings.overruns))
         self._failure, self._reported_ns = "", NEVER_NS
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
-        self._status_timing = PlantStatusTiming(start_ns)
+        self._statuses = PlantStatusReports(start_ns)
         self.deadline_ns = start_ns
         self._network = Network(settings.latency, settings.seed)
         received = RECEIVED if settings.hand_wheel is None else (*RECEIVED, *OF_HAND_WHEEL)
@@ -160,7 +160,6 @@ class PlantNode:
         self._asked_speed_m_s: float | None = None
         self._seen = NO_PATH
         self._sends_truth = settings.ground_truth
-        self._status_frames = PlantStatusFrames()
         self._sampling = Sampling(
             self._motion,
             settings.sensor_noise,
@@ -238,7 +237,7 @@ class PlantNode:
         """Do all that is due up to ``now_ns``, in order of time."""
         frames: list[Frame] = []
         downlink, uplink = self._network.downlink, self._network.uplink
-        unit, status_timing, sensor_timer = self._unit, self._status_timing, self._sensor_timer
+        unit, statuses, sensor_timer = self._unit, self._statuses, self._sensor_timer
         force_timer = self._force_timer
         while True:
             command_ns = downlink.next_due_ns
@@ -246,7 +245,7 @@ class PlantNode:
             measured_ns = uplink.next_due_ns
             guard_ns = self.motion_start_ns + unit.deadline_ns  # NEVER_NS before motion starts
             # Their minimum: ``min`` would cost 5 % of a tick.
-            due_ns = status_timing.deadline_ns
+            due_ns = statuses.deadline_ns
             if command_ns < due_ns:
                 due_ns = command_ns
             if guard_ns < due_ns:
@@ -288,10 +287,10 @@ class PlantNode:
                 continue  # the steering's status has not changed
             else:
                 safety = unit.take_state()
-                status_timing.on_report(safety, due_ns, now_ns)
+                statuses.on_report(safety, due_ns, now_ns)
                 frames.append(self._status_frame(safety, due_ns))
-            if unit.safety is not status_timing.settled:
-                status_timing.on_state(unit.safety, due_ns)
+            if unit.safety is not statuses.settled:
+                statuses.on_state(unit.safety, due_ns)
 
     def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
         """Return what a user should see now."""
@@ -351,7 +350,7 @@ class PlantNode:
             **reception_report(self._reception),
             "skipped_samples": self._sensor_timer.skipped,
             "not_available": self._sampling.frames.not_available,
-            "clamped": clamped + self._status_frames.clamped,
+            "clamped": clamped + self._statuses.clamped,
             "safety": self._unit.report(),
             "interventions": self.interventions.report(),
             "warnings": settings_without_effect(
@@ -473,4 +472,4 @@ class PlantNode:
     def _status_frame(self, safety: SafetyState, now_ns: int) -> Frame:
         refused = self._reception.refused + self._unauthenticated
         second_sender = self._reception.second_sender(now_ns)
-        return self._status_frames.frame(self._network, refused, safety, second_sender)
+        return self._statuses.frame(self._network, refused, safety, second_sender)

@@ -27,42 +27,12 @@ _LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
 _REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
 
 
-class PlantStatusFrames:
-    """Makes the frames.
+class PlantStatusReports:
+    """Makes the frames, and keeps which SAFETY was reported last, and when.
 
-    ``clamped``  latencies sent as the end of their signal's range
-    """
+    ``start_ns``     when the first cycle begins [ns]
 
-    def __init__(self) -> None:
-        self._sender = Sender(PlantStatus)
-        self.clamped = 0
-
-    def frame(
-        self, network: Network, refused: int, safety: SafetyState, second_sender: SecondSender
-    ) -> Frame:
-        """Return the frame; ``refused`` counts the frames refused on arrival so far."""
-        status = PlantStatus(
-            downlink_latency_s=self._latency_s(network.downlink.latest_latency_ns),
-            uplink_latency_s=self._latency_s(network.uplink.latest_latency_ns),
-            lost=network.lost % _LOST_COUNTERS,
-            rejected=refused % _REJECTED_COUNTERS,
-            safety=safety,
-            second_sender=second_sender,
-        )
-        return self._sender.frame(status)
-
-    def _latency_s(self, latency_ns: int) -> float:
-        """Return a latency within its signal's range, which begins at 0 [s]."""
-        latency_s = latency_ns * 1e-9
-        if latency_s <= _LATENCY_S_MAX:
-            return latency_s
-        self.clamped += 1
-        return _LATENCY_S_MAX
-
-
-class PlantStatusTiming:
-    """Keeps which SAFETY was reported last, and when; the first cycle begins at ``start_ns`` [ns].
-
+    ``clamped``      latencies sent as the end of their signal's range
     ``deadline_ns``  when PLANT_STATUS is due next [ns]
     ``settled``      the state for which ``on_state`` need not be called; None: for every state
     """
@@ -74,6 +44,8 @@ class PlantStatusTiming:
         self._change_ns = NEVER_NS
         self.deadline_ns = start_ns
         self.settled: SafetyState | None = None
+        self._sender = Sender(PlantStatus)
+        self.clamped = 0
 
     def on_state(self, state: SafetyState, time_ns: int) -> None:
         """Process the present value of SAFETY."""
@@ -99,3 +71,25 @@ class PlantStatusTiming:
         self._change_ns = NEVER_NS
         self.deadline_ns = self._timer.deadline_ns
         self.settled = state
+
+    def frame(
+        self, network: Network, refused: int, safety: SafetyState, second_sender: SecondSender
+    ) -> Frame:
+        """Return the frame; ``refused`` counts the frames refused on arrival so far."""
+        status = PlantStatus(
+            downlink_latency_s=self._latency_s(network.downlink.latest_latency_ns),
+            uplink_latency_s=self._latency_s(network.uplink.latest_latency_ns),
+            lost=network.lost % _LOST_COUNTERS,
+            rejected=refused % _REJECTED_COUNTERS,
+            safety=safety,
+            second_sender=second_sender,
+        )
+        return self._sender.frame(status)
+
+    def _latency_s(self, latency_ns: int) -> float:
+        """Return a latency within its signal's range, which begins at 0 [s]."""
+        latency_s = latency_ns * 1e-9
+        if latency_s <= _LATENCY_S_MAX:
+            return latency_s
+        self.clamped += 1
+        return _LATENCY_S_MAX

@@ -22,7 +22,6 @@ from steer_by_wire.controller.node.command_frames import IN_FLIGHT_MAX, echoed_a
 from steer_by_wire.controller.node.law_runner import FAILURES_MAX
 from steer_by_wire.controller.node.model_fit import FitParams, fit_params, fit_step, start_fit
 from steer_by_wire.controller.node.newest_messages import RECEIVED, acting_rad
-from steer_by_wire.controller.node.plausibility import nominal_vehicle
 from steer_by_wire.controller.node.reported_delay import (
     delay_status,
     echo_delay_s,
@@ -171,12 +170,7 @@ def _defines(settings: ControllerSettings) -> Iterator[tuple[str, str]]:
     yield "LOST_COUNTERS", str(LOST_COUNTERS)
     yield "LAW_FAILURES_MAX", str(FAILURES_MAX)
     yield "NOT_FORWARD_M_S", hexadecimal(NOT_FORWARD_M_S)
-    yield "HAS_MODEL_FIT", str(int(_fit(settings) is not None))
-
-
-def _fit(settings: ControllerSettings) -> FitParams | None:
-    vehicle, box = nominal_vehicle(settings), settings.validity
-    return fit_params(vehicle, box) if vehicle and box else None
+    yield "HAS_MODEL_FIT", str(int(fit_params(settings) is not None))
 
 
 def _parameters(settings: ControllerSettings) -> Iterator[Parameter]:
@@ -184,7 +178,7 @@ def _parameters(settings: ControllerSettings) -> Iterator[Parameter]:
     yield Parameter("OVERRUN_RULE", overrun_rule(settings.overruns))
     yield Parameter("DESIGNED_RANGES", settings.designed_ranges)
     yield Parameter("ECHO_RULE", echo_rule(settings))
-    yield Parameter("FIT_PARAMS", _fit(settings) or FitParams(1.0, 0.0, 1.0, _ANY_VEHICLE))
+    yield Parameter("FIT_PARAMS", fit_params(settings) or FitParams(1.0, 0.0, 1.0, _ANY_VEHICLE))
     yield Parameter("AGE_LIMITS_NS", [*settings.age_limits])
     rules = [settings.counters._replace(period_ns=cycle_ns(kind)) for kind in RECEIVED]
     yield Parameter("COUNTER_RULES", rules)

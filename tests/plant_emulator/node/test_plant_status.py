@@ -5,7 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import CAN_IDS, PlantStatus, SafetyState, SteeringStatus
-from steer_by_wire.plant_emulator.node.plant_status import INTERVAL_NS, PERIOD_NS, PlantStatusTiming
+from steer_by_wire.plant_emulator.node.plant_status import (
+    INTERVAL_NS,
+    PERIOD_NS,
+    PlantStatusReports,
+)
 from tests.support.nodes.plant_link import MS_NS, START_NS, Link, link, steered
 from tests.support.nodes.plant_link import PERIOD_NS as SENSOR_NS
 
@@ -23,7 +27,7 @@ def changes(tested: Link) -> list[tuple[float, SafetyState]]:
 
 def drive(states: list[tuple[int, SafetyState]], until_ns: int) -> list[tuple[int, SafetyState]]:
     """Let SAFETY change at these times [ns]; returns what was reported when."""
-    telling, state, pending = PlantStatusTiming(0), NORMAL, list(states)
+    telling, state, pending = PlantStatusReports(0), NORMAL, list(states)
     sent: list[tuple[int, SafetyState]] = []
     while True:
         change_ns = pending[0][0] if pending else until_ns
@@ -102,7 +106,7 @@ def test_a_limit_that_acts_all_the_time_costs_one_frame_more() -> None:
 def test_how_soon_a_change_is_reported(
     sent: SafetyState, state: SafetyState, after_ns: int
 ) -> None:
-    telling = PlantStatusTiming(0)
+    telling = PlantStatusReports(0)
     telling.on_report(sent, 0, 0)
     telling.on_state(state, 1)
     assert telling.deadline_ns == after_ns
