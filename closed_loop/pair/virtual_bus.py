@@ -9,36 +9,26 @@ from ...runtime.bus_model.rest_bus import PeriodicMessage, RestBus
 from ...runtime.bus_model.settings import BusSettings, errors_of
 from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.frame import Frame
-from ...runtime.node import Node
+from ...runtime.node import ReportingNode, Wrapper
 from .rest_bus_from_dbc import traffic_of
 
 QUIET_BUS = BusSettings()
 
 
-class Controlled:
+class Controlled(Wrapper[ReportingNode]):
     """A node behind its CAN controller: in bus-off it gets no frames.
 
-    ``index``                      of the node on the bus ``model``
-    ``deadline_ns``, ``finished``  of the node
+    ``index``  of the node on the bus ``model``
     """
 
-    def __init__(self, node: Node, index: int, model: BusModel) -> None:
-        self._node, self._index, self._model = node, index, model
-        self.deadline_ns, self.finished = node.deadline_ns, node.finished
+    def __init__(self, node: ReportingNode, index: int, model: BusModel) -> None:
+        super().__init__(node)
+        self._index, self._model = index, model
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Pass a frame to the node."""
-        if self._model.is_off(self._index, now_ns):
-            return ()
-        frames = self._node.on_frame(frame, now_ns)
-        self.deadline_ns, self.finished = self._node.deadline_ns, self._node.finished
-        return frames
-
-    def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        """Let the node tick."""
-        frames = self._node.on_tick(now_ns)
-        self.deadline_ns, self.finished = self._node.deadline_ns, self._node.finished
-        return frames
+        is_off = self._model.is_off(self._index, now_ns)
+        return () if is_off else self.node.on_frame(frame, now_ns)
 
 
 class SharedBus:
@@ -68,7 +58,7 @@ class SharedBus:
         self.next_event_ns = self.model.next_event_ns
         self.refused = 0
 
-    def behind_controller(self, node: Node, index: int) -> Node:
+    def behind_controller(self, node: ReportingNode, index: int) -> ReportingNode:
         """Return a node that gets no frames in bus-off."""
         return node if self.errors is None else Controlled(node, index, self.model)
 

@@ -15,7 +15,7 @@ from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS, Node, ReportingNode
+from ...runtime.node import NEVER_NS, ReportingNode
 from ...runtime.node.end import End
 from ...runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
 from ...runtime.program.garbage_collection import no_collections
@@ -91,13 +91,13 @@ def run_virtual_pair(
 
 
 def run_virtual_nodes(
-    plant: Node,
-    controller: Node,
+    plant: ReportingNode,
+    controller: ReportingNode,
     bus: Wire | None,
     candump_log: Path | None,
     should_stop: Callable[[], bool],
     on_wire: Callable[[int, int, Frame], None] | None = None,
-    others: Sequence[Node] = (),
+    others: Sequence[ReportingNode] = (),
 ) -> None:
     """Run nodes that start at 0 until the plant has finished or ``should_stop()``.
 
@@ -107,7 +107,7 @@ def run_virtual_nodes(
     """
     with ExitStack() as stack:
         stack.enter_context(no_collections())
-        nodes: tuple[Node, ...] = (plant, controller, *others)
+        nodes: tuple[ReportingNode, ...] = (plant, controller, *others)
         if isinstance(bus, SharedBus):
             nodes = tuple(bus.behind_controller(node, index) for index, node in enumerate(nodes))
         if candump_log is not None:
