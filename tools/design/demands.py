@@ -7,7 +7,7 @@ RMS is computed and of points on the frequency axis.
 The runs of a specification as the vehicle feels them: curvature over time at its speed.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import accumulate
 from typing import NamedTuple
@@ -47,78 +47,6 @@ _SAMPLES_PER_TICK = 4
 """Between two, curvature is taken as linear, which is exact except at the path's break points."""
 
 
-def unsteered_runs(spec: Specification, vehicle: VehicleFile) -> FloatArray:
-    """Return lateral error [m] and heading error [rad] without steering at the ticks.
-
-    Shape (2, paths, corners, ticks).
-    """
-    ticks = spec.ticks
-    interval_s = spec.period_ns / NS_PER_S / _SAMPLES_PER_TICK
-
-    def run(path: Path, speed_m_s: float) -> FloatArray:
-        met = _curvature_met(path, speed_m_s, interval_s, ticks)
-        return unsteered_errors(met, interval_s, speed_m_s, _SAMPLES_PER_TICK)
-
-    return np.moveaxis(_of_runs(spec, vehicle, run), 2, 0)
-
-
-def curve_steer_runs_rad(spec: Specification, vehicle: VehicleFile) -> FloatArray:
-    """Return the steer of [feed_forward] at the ticks, shape (paths, corners, ticks) [rad].
-
-    The nominal vehicle's steady steer for the curvature at the preview point, at a corner's speed.
-    """
-    steady = steady_steer(VehicleModelSettings(**vehicle.vehicle.model_dump()))
-    interval_s = spec.period_ns / NS_PER_S
-
-    def run(path: Path, speed_m_s: float) -> FloatArray:
-        met = _curvature_met(path, speed_m_s, interval_s, spec.ticks, 1)
-        return steer_per_curvature(steady, speed_m_s) * met
-
-    return _of_runs(spec, vehicle, run)
-
-
-def set_point_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
-    """Return y* that puts the car on the path, at the ticks, shape (paths, corners, ticks)."""
-    nominal = VehicleModelSettings(**vehicle.vehicle.model_dump())
-    interval_s = spec.period_ns / NS_PER_S
-    set_point = set_point_params("centre_of_gravity", nominal, interval_s)
-
-    def run(path: Path, speed_m_s: float) -> FloatArray:
-        met = _curvature_met(path, speed_m_s, interval_s, spec.ticks, 1)
-        readings = (VehicleReading(speed_m_s, 0.0, rho) for rho in met.tolist())
-        step = partial(set_point_step, set_point)
-        _, *states = accumulate(readings, step, initial=NO_SET_POINT)
-        return np.array([state.shown.value for state in states])
-
-    return _of_runs(spec, vehicle, run)
-
-
-def bend_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:
-    """Return g, how far the path bends away between preview point and car; shape as above."""
-    preview_m, interval_s = vehicle.vehicle.preview_distance_m, spec.period_ns / NS_PER_S
-    behind_m = preview_m * (np.arange(_BEHIND) + 0.5) / _BEHIND
-    weights_m2 = (preview_m - behind_m) * preview_m / _BEHIND
-
-    def run(path: Path, speed_m_s: float) -> FloatArray:
-        at_m = speed_m_s * interval_s * np.arange(spec.ticks)
-        bends = (
-            weight * np.array([curvature(path, each) for each in (at_m - way).tolist()])
-            for weight, way in zip(weights_m2, behind_m, strict=True)
-        )
-        return np.asarray(sum(bends))
-
-    return _of_runs(spec, vehicle, run)
-
-
-def _of_runs(
-    spec: Specification, vehicle: VehicleFile, run: Callable[[Path, float], FloatArray]
-) -> FloatArray:
-    """Return a run for each path and corner, the same for corners of the same speed."""
-    speeds_m_s = [corner.speed_m_s for corner in vehicle.box.vertices()]
-    runs = [lru_cache(partial(run, build_path(path))) for path in spec.course.paths]
-    return np.array([[of_path(speed_m_s) for speed_m_s in speeds_m_s] for of_path in runs])
-
-
 def course_grid(
     spec: Specification,
     vehicle: VehicleFile,
@@ -130,29 +58,54 @@ def course_grid(
 
     ``takes_map``  whether the law's steer is added to that for the map's curvature
     """
-    unsteered = unsteered_runs(spec, vehicle)
-    offset_m = -vehicle.vehicle.preview_distance_m * unsteered[1] - bend_runs_m(spec, vehicle)
+    speeds_m_s = [corner.speed_m_s for corner in vehicle.box.vertices()]
+    runs = []
+    for path in map(build_path, spec.course.paths):
+        of_speed = lru_cache(partial(_met, spec, vehicle, path))
+        runs.append([of_speed(speed_m_s) for speed_m_s in speeds_m_s])
+    error_m, heading_rad, steer_rad, set_point_m, bend_m = np.moveaxis(np.array(runs), 2, 0)
+    offset_m = -vehicle.vehicle.preview_distance_m * heading_rad - bend_m
     if spec.follows_car:
-        set_point_m = set_point_runs_m(spec, vehicle)
-        unsteered[0] -= set_point_m
-        offset_m += set_point_m
+        error_m, offset_m = error_m - set_point_m, offset_m + set_point_m
     return tracking_grid(
         vehicle.models,
-        unsteered,
+        np.stack([error_m, heading_rad]),
         delays_ns,
         spec.period_ns,
         max(1, round(spec.ignore_s * NS_PER_S / spec.period_ns)),
-        curve_steer_runs_rad(spec, vehicle) if takes_map else None,
+        steer_rad if takes_map else None,
         offset_m,
         vehicle.vehicle.preview_distance_m,
     )
 
 
-def _curvature_met(
-    path: Path, speed_m_s: float, interval_s: float, ticks: int, per_tick: int = _SAMPLES_PER_TICK
-) -> FloatArray:
-    count = (ticks - 1) * per_tick + 1
-    return np.array([curvature(path, speed_m_s * interval_s * index) for index in range(count)])
+def _met(spec: Specification, vehicle: VehicleFile, path: Path, speed_m_s: float) -> FloatArray:
+    """Return what a path asks of the vehicle at a speed, at the ticks; shape (5, ticks).
+
+    Lateral error [m] and heading error [rad] without steering; the nominal vehicle's steady steer
+    for the curvature at the preview point [rad]; y*, which puts the car on the path [m]; g, how far
+    the path bends away between preview point and car [m].
+    """
+    nominal = VehicleModelSettings(**vehicle.vehicle.model_dump())
+    preview_m, period_s = nominal.preview_distance_m, spec.period_ns / NS_PER_S
+    interval_s = period_s / _SAMPLES_PER_TICK
+    count = (spec.ticks - 1) * _SAMPLES_PER_TICK + 1
+    met = np.array([curvature(path, speed_m_s * interval_s * index) for index in range(count)])
+    error_m, heading_rad = unsteered_errors(met, interval_s, speed_m_s, _SAMPLES_PER_TICK)
+    at_ticks = met[::_SAMPLES_PER_TICK]
+    set_point = set_point_params("centre_of_gravity", nominal, period_s)
+    readings = (VehicleReading(speed_m_s, 0.0, rho) for rho in at_ticks.tolist())
+    _, *states = accumulate(readings, partial(set_point_step, set_point), initial=NO_SET_POINT)
+    set_point_m = np.array([state.shown.value for state in states])
+    behind_m = preview_m * (np.arange(_BEHIND) + 0.5) / _BEHIND
+    weights_m2 = (preview_m - behind_m) * preview_m / _BEHIND
+    at_m = speed_m_s * period_s * np.arange(spec.ticks)
+    bend_m = sum(
+        weight * np.array([curvature(path, each) for each in (at_m - way).tolist()])
+        for weight, way in zip(weights_m2, behind_m, strict=True)
+    )
+    steer_rad = steer_per_curvature(steady_steer(nominal), speed_m_s) * at_ticks
+    return np.stack([error_m, heading_rad, steer_rad, set_point_m, np.asarray(bend_m)])
 
 
 _ACTIVE = 0.02

@@ -4,15 +4,9 @@ import math
 from typing import Any
 
 from ....controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
-from ....controller.filters.settings import (
-    CdobSettings,
-    DobSettings,
-    PdSettings,
-    VehicleModelSettings,
-)
+from ....controller.filters.settings import VehicleModelSettings
 from ....controller.history.echo_delay import LinkSettings
 from ....controller.laws.law_from_settings import LawDesign, design_law
-from ....controller.laws.pid import PidSettings
 from ....controller.limits.designed_ranges import ValiditySettings
 from ....controller.settings import ControllerSettings
 from ....runtime.node import NS_PER_MS
@@ -72,23 +66,12 @@ def controller_settings(
     spec: Specification, vehicle: VehicleFile, law: str, values: Values
 ) -> ControllerSettings:
     """Return the settings of a law with these parameters."""
-    tables: dict[str, Any] = {
-        "pd": PdSettings(
-            proportional_gain_rad_m=values["k_p"],
-            derivative_gain_rad_s_m=values["k_d"],
-            derivative_filter_rad_s=values["derivative_filter"],
-        )
-    }
-    if "k_i" in values:
-        tables["pid"] = PidSettings(
-            integral_gain_rad_m_s=values["k_i"], heading_gain_rad_rad=values.get("k_heading")
-        )
+    tables: dict[str, dict[str, Any]] = {}
     if "dob" in values:
-        tables["dob"] = DobSettings(q_cutoff_rad_s=values["dob"], q_kind=spec.dob_q_kind)
-    if "cdob" in values:
-        tables["cdob"] = CdobSettings(
-            q_cutoff_rad_s=values["cdob"], washout_rad_s=values["washout"]
-        )
+        tables["dob"] = {"q_kind": spec.dob_q_kind}
+    for key, value in values.items():
+        table, name = SETTINGS_KEYS[key].split(".")
+        tables.setdefault(table, {})[name] = value
     return ControllerSettings(
         law=controller_law(law),
         rate_hz=spec.rate_hz,
