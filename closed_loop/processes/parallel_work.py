@@ -3,7 +3,7 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -29,10 +29,8 @@ class _Pool(ProcessPoolExecutor):
 
 
 @contextmanager
-def worker_pool(
-    workers: int, begin: Callable[..., None] | None = None, *arguments: Any
-) -> Iterator[ProcessPoolExecutor]:
-    """Open worker processes, which call ``begin(*arguments)`` first.
+def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Open worker processes.
 
     An exception in the block, Ctrl-C included, ends them at once without waiting for their work.
     A worker that ended before is WorkerEndedError.
@@ -42,7 +40,7 @@ def worker_pool(
     others = set(multiprocessing.active_children())
     # A fork of a process with threads may hang; spawned processes import the modules once.
     context = multiprocessing.get_context("spawn")
-    pool = _Pool(workers, context, _begin, (begin, arguments))
+    pool = _Pool(workers, context, _begin)
     try:
         with _one_thread():
             yield pool
@@ -73,11 +71,9 @@ def _one_thread() -> Iterator[None]:
         os.environ.update(before)
 
 
-def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
+def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
-    if begin is not None:
-        begin(*arguments)
 
 
 def _end_with_parent() -> None:

@@ -1,6 +1,6 @@
 """Designs one law in a worker process, and writes its files."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,17 +12,15 @@ from .demands import Demand
 from .law_design import Design, NoDesignError, design
 from .predictor_design import design_predictor, predictor_demands
 from .report import (
+    STOPPED,
     UNITS,
-    LawFiles,
     draw_design,
     measured,
     outcome_lines,
     predictor_figures,
     predictor_preset_text,
     preset_text,
-    unmet_lines,
     unmet_text,
-    written_lines,
 )
 from .search.evolution import ends_after
 from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
@@ -54,66 +52,74 @@ class Outcome(NamedTuple):
     """What became of a law.
 
     ``lines``   to print
+    ``text``    of its file
     ``error``   why it is no design; empty if it is one
     ``design``  of a linear law that meets all demands
+    ``ended``   whether the search came to its end
     """
 
     lines: tuple[str, ...]
     demands: tuple[Demand, ...]
+    text: str
     error: str = ""
     design: Design | None = None
+    ended: bool = True
 
 
 def run_job(job: Job) -> Outcome:
     """Design a law and write its preset and its picture; what meets not all demands, as unmet."""
+    found = _predictor(job) if job.law == PREDICTOR else _linear_law(job)
     name, folder = f"{job.spec.name}_{job.law}", job.preset_folder
-    files = LawFiles(folder / f"{name}.toml", folder / f"{name}.unmet.toml")
-    return _predictor(job, files) if job.law == PREDICTOR else _linear_law(job, files)
+    preset, unmet = folder / f"{name}.toml", folder / f"{name}.unmet.toml"
+    if found.error:
+        write_text(unmet, found.text)
+        more = [*outcome_lines(found.demands), f"  no preset; the best so far -> {unmet}"]
+        return found._replace(lines=(*found.lines, *more))
+    write_text(preset, found.text)
+    unmet.unlink(missing_ok=True)
+    if found.design is not None:
+        with plot_style():
+            picture = job.picture_folder / f"{name}.png"
+            draw_design(job.spec, job.vehicle, found.design).savefig(picture)
+    stopped = [] if found.ended else [f"  {STOPPED}"]
+    return found._replace(lines=(*found.lines, *stopped, f"  -> {preset}"))
 
 
-def _linear_law(job: Job, files: LawFiles) -> Outcome:
+def _linear_law(job: Job) -> Outcome:
     spec, vehicle, law = job.spec, job.vehicle, job.law
     try:
         designed = design(spec, vehicle, law, ends_after(job.minutes))
     except NoDesignError as error:
         demands = error.found.judgement.demands
         settings = controller_settings(spec, vehicle, law, error.found.values)
-        settings = with_set_point(spec, settings)
-        write_text(files.unmet, unmet_text(law, settings, demands, job.sources))
-        return Outcome(tuple(unmet_lines(demands, files)), demands, str(error))
-    files.write_preset(preset_text(spec, vehicle, designed, job.sources))
-    with plot_style():
-        picture = job.picture_folder / f"{files.preset.stem}.png"
-        draw_design(spec, vehicle, designed).savefig(picture)
-    lines = tuple(_lines(spec, designed, files))
-    return Outcome(lines, designed.found.judgement.demands, design=designed)
+        text = unmet_text(law, with_set_point(spec, settings), demands, job.sources)
+        return Outcome((), demands, text, str(error))
+    found = designed.found
+    lines = ["", f"{law}  ({found.judged} sets of parameters judged)"]
+    lines += [
+        f"  {SETTINGS_KEYS[key]} = {value:g} {UNITS.get(key, 'rad/s')}"
+        for key, value in found.values.items()
+    ]
+    demands = found.judgement.demands
+    lines += [*outcome_lines(demands), *_table(measured(spec, designed))]
+    text = preset_text(spec, vehicle, designed, job.sources)
+    return Outcome(tuple(lines), demands, text, design=designed, ended=found.ended)
 
 
-def _lines(spec: Specification, design: Design, files: LawFiles) -> Iterator[str]:
-    yield ""
-    yield f"{design.law}  ({design.found.judged} sets of parameters judged)"
-    values = design.found.values.items()
-    yield from (
-        f"  {SETTINGS_KEYS[key]} = {value:g} {UNITS.get(key, 'rad/s')}" for key, value in values
-    )
-    yield from outcome_lines(design.found.judgement.demands)
-    yield from (f"  {label:18}{text}" for label, text in measured(spec, design))
-    yield from written_lines(files, design.found.ended)
-
-
-def _predictor(job: Job, files: LawFiles) -> Outcome:
+def _predictor(job: Job) -> Outcome:
     spec, table, vehicle = job.spec, required(job.spec.predictor), job.vehicle
     check = ends_after(job.minutes)
     design = design_predictor(spec, table, vehicle, required(job.fallback), check)
-    lines = ["", f"predictor  ({design.judged} sets of parameters judged)"]
-    figures = predictor_figures(spec, table, design)
-    lines += [f"  {label:18}{text}" for label, text in figures]
+    judged = f"predictor  ({design.judged} sets of parameters judged)"
+    lines = ("", judged, *_table(predictor_figures(spec, table, design)))
     demands = predictor_demands(spec, table, design)
-    count = sum(demand.excess > 0.0 for demand in demands)
-    if count:
-        write_text(files.unmet, unmet_text(PREDICTOR, design.settings, demands, job.sources))
-        lines += unmet_lines(demands, files)
+    if count := sum(demand.excess > 0.0 for demand in demands):
+        text = unmet_text(PREDICTOR, design.settings, demands, job.sources)
         error = f"predictor: {count} of {len(demands)} demands are not met"
-        return Outcome(tuple(lines), demands, error)
-    files.write_preset(predictor_preset_text(spec, table, vehicle, design, job.sources))
-    return Outcome((*lines, *written_lines(files, design.ended)), demands)
+        return Outcome(lines, demands, text, error)
+    text = predictor_preset_text(spec, table, vehicle, design, job.sources)
+    return Outcome(lines, demands, text, ended=design.ended)
+
+
+def _table(figures: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    return tuple(f"  {label:18}{text}" for label, text in figures)

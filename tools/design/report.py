@@ -6,8 +6,6 @@ delay.
 
 from collections.abc import Iterable, Iterator, Sequence
 from math import inf
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,7 +16,6 @@ from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.path.settings import PathSettings
 from ...runtime.node import NS_PER_MS
-from ...runtime.output_file import write_text
 from ...runtime.settings import Settings
 from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand
@@ -36,7 +33,7 @@ _TITLES = {
     "pd_ddob": "PD with double disturbance observer",
     "predictor": "Predictor",
 }
-_DEMAND_UNITS = {**NUMBER_UNITS, "steer noise": " rad", "condition": " m"}
+_DEMAND_UNITS = {**NUMBER_UNITS, "condition": " m"}
 _JUDGED_LAST = ("RMS error", "steer")
 """Of what is judged only where all else is nearly met."""
 _NOISE_M = 0.02
@@ -140,18 +137,6 @@ def conditions_in_words(met: ConditionsTable) -> str:
     return ", ".join(words)
 
 
-class LawFiles(NamedTuple):
-    """The file of a law that meets all demands, and of the best where none does."""
-
-    preset: Path
-    unmet: Path
-
-    def write_preset(self, text: str) -> None:
-        """Write what meets all demands, in place of what did not."""
-        write_text(self.preset, text)
-        self.unmet.unlink(missing_ok=True)
-
-
 STOPPED = "The search was stopped before its end: this is the best so far, not the best."
 
 
@@ -180,19 +165,6 @@ def outcome_lines(demands: Sequence[Demand]) -> Iterator[str]:
         yield f"  {demand.name:{_LABEL_WIDTH}}{verdict:9}{reached}{active}".rstrip()
     if not any(demand.name in _JUDGED_LAST for demand in demands):
         yield "  No other demand was judged, as these are too far from met."
-
-
-def unmet_lines(demands: Sequence[Demand], files: LawFiles) -> Iterator[str]:
-    """Yield what the program prints of a law without a design."""
-    yield from outcome_lines(demands)
-    yield f"  no preset; the best so far -> {files.unmet}"
-
-
-def written_lines(files: LawFiles, ended: bool) -> Iterator[str]:
-    """Yield what the program prints of a preset."""
-    if not ended:
-        yield f"  {STOPPED}"
-    yield f"  -> {files.preset}"
 
 
 def _commented(

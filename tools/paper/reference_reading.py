@@ -15,7 +15,7 @@ see y.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -117,25 +117,27 @@ class Quantity(NamedTuple):
     """A column of ``Followed``, and what it is called."""
 
     name: str
+    label: str
     unit: str
     column: str
 
 
-ERROR = Quantity("error", "m", "error_m")
-STEER = Quantity("steer", "rad", "steer_rad")
+ERROR = Quantity("error", "r - y", "m", "error_m")
+STEER = Quantity("steer", "steering angle", "rad", "steer_rad")
+JudgeReading = Callable[[str, Quantity, Sequence[Law]], list[Comparison]]
 
 
-def smaller(statement: str, quantity: Quantity, laws: tuple[Law, Law]) -> list[Comparison]:
+def smaller(statement: str, quantity: Quantity, laws: Sequence[Law]) -> list[Comparison]:
     """Return whether the second law has the smaller RMS, for each filter."""
     return _compared(statement, quantity, laws, lambda first, second: second < first)
 
 
-def alike(statement: str, quantity: Quantity, laws: tuple[Law, Law]) -> list[Comparison]:
+def alike(statement: str, quantity: Quantity, laws: Sequence[Law]) -> list[Comparison]:
     """Return whether the RMS of the two laws differ by less than a tenth, for each filter."""
     return _compared(statement, quantity, laws, lambda a, b: abs(b - a) < 0.1 * a)
 
 
-def picture(name: str, label: str, quantity: Quantity, laws: tuple[Law, Law]) -> Picture:
+def picture(name: str, quantity: Quantity, laws: Sequence[Law]) -> Picture:
     """Draw a quantity of two laws on the reference, a panel for each filter."""
     figure = Figure(figsize=(10.5, 4.2))
     for axes, filter_rad_s in zip(
@@ -148,12 +150,12 @@ def picture(name: str, label: str, quantity: Quantity, laws: tuple[Law, Law]) ->
         axes.set(xlabel="time [s]")
         axes.set_title(f"Path as the reference, N = {filter_rad_s:g} rad/s", fontsize=10.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
-    figure.axes[0].set_ylabel(label)
+    figure.axes[0].set_ylabel(f"{quantity.label} [{quantity.unit}]")
     return Picture(name, figure)
 
 
 def _compared(
-    statement: str, quantity: Quantity, laws: tuple[Law, Law], holds: Callable[[float, float], bool]
+    statement: str, quantity: Quantity, laws: Sequence[Law], holds: Callable[[float, float], bool]
 ) -> list[Comparison]:
     compared = []
     for filter_rad_s in FILTERS_RAD_S:

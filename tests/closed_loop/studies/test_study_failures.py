@@ -11,15 +11,12 @@ from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_v
 from steer_by_wire.closed_loop.studies import compiled_runs, scenario
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
-from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.run_study import run_missing
-from steer_by_wire.closed_loop.studies.workers import thread_workers
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.runs.compiled_runs import assert_same_as_nodes
 from tests.support.runs.run_of_nodes import assert_nodes_reproduce
-from tests.support.runs.small_study import make_scenarios, never
+from tests.support.runs.small_study import complete, make_scenarios, never
 
 LOST = """
 [base]
@@ -71,18 +68,11 @@ def test_latency_is_that_of_the_commands_followed_whatever_was_computed_before(
 def test_a_study_in_which_the_wheel_is_lost_is_whole_and_that_of_the_nodes(
     tmp_path: Path,
 ) -> None:
-    scenarios = make_scenarios(tmp_path, LOST)
-    stores = []
-    for name, threads in (("one", 1), ("two", 2)):
-        store = Store(tmp_path / name, scenarios)
-        store.open(LOST)
-        assert run_missing(store, thread_workers(scenarios, threads), lambda _: None, never)
-        stores.append(store)
-    one, two = stores
+    one, two = (complete(tmp_path / str(threads), threads, LOST) for threads in (1, 2))
     assert one.results.read_bytes() == two.results.read_bytes()
     table = pq.read_table(one.results)
     assert table["ended_by"].to_pylist() == ["complete"] * 4
-    assert_nodes_reproduce(scenarios, table.to_pylist()[3])
+    assert_nodes_reproduce(one.scenarios, table.to_pylist()[3])
 
 
 def test_a_run_that_leaves_the_sensors_range_is_that_of_the_nodes_up_to_there() -> None:

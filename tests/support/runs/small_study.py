@@ -53,15 +53,16 @@ def make_scenarios(folder: Path, text: str = STUDY) -> Scenarios:
     return Scenarios(load_study(file))
 
 
-def open_store(folder: Path, scenarios: Scenarios) -> Store:
+def open_store(folder: Path, scenarios: Scenarios, text: str = STUDY) -> Store:
     store = Store(folder / "out", scenarios, CHUNK_RUNS)
-    store.open(STUDY)
+    store.open(text)
     return store
 
 
-def complete(folder: Path, threads: int = 1) -> Store:
-    scenarios = make_scenarios(folder)
-    store = open_store(folder, scenarios)
+def complete(folder: Path, threads: int = 1, text: str = STUDY) -> Store:
+    """Return the store of a study that has been run to its end."""
+    scenarios = make_scenarios(folder, text)
+    store = open_store(folder, scenarios, text)
     assert run_missing(store, thread_workers(scenarios, threads), lambda _: None, never)
     return store
 

@@ -16,9 +16,8 @@ from steer_by_wire.closed_loop.processes import parallel_work
 
 
 class _SameProcess(Executor):
-    def __init__(self, _workers: int, _context: object, _begin: object, begin: Any) -> None:
-        if begin[0] is not None:
-            begin[0](*begin[1])
+    def __init__(self, _workers: int, _context: object, _begin: object) -> None:
+        pass
 
     def submit(self, work: Callable[..., Any], /, *words: Any, **further: Any) -> Future[Any]:
         future: Future[Any] = Future()

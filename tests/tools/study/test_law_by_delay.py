@@ -22,7 +22,7 @@ from steer_by_wire.tools.study.law_by_delay import (
     law_by_delay,
     law_section,
 )
-from tests.support.runs.small_study import make_scenarios, never, stored_row
+from tests.support.runs.small_study import complete, make_scenarios, never, stored_row
 from tests.support.runs.stored_pair import pair_of_row
 
 SHIPPED = Path(__file__).parents[3] / "closed_loop" / "studies"
@@ -194,9 +194,7 @@ def test_a_variant_has_settings_of_its_own_and_changes_the_plant_of_its_runs_alo
     assert (plain.controller.rate_hz, plain.plant.sensor_period_ms) == (100.0, 10.0)
     assert with_map.controller.feed_forward is not None
     assert quick.plant.latency.downlink.mean_s == 0.1
-    store = Store(tmp_path / "out", scenarios)
-    store.open(VARIANTS)
-    assert run_missing(store, thread_workers(scenarios, 1), lambda _: None, never)
+    store = complete(tmp_path, text=VARIANTS)
     table = run_study(tmp_path / "study.toml")
     assert table["samples"].tolist() == [200.0, 400.0, 200.0] * 2
     for run, pair in ((3, plain), (4, quick), (5, with_map)):

@@ -5,8 +5,8 @@ import re
 from pathlib import Path
 
 from steer_by_wire.closed_loop.studies.result_reader import read_results
+from tests.support.runs.small_study import complete
 from tests.support.suite.combinations import sampled
-from tests.tools.study.test_study_report import computed
 
 PAGE = Path(__file__).parents[3] / "docs" / "packet.md"
 SEEDS = 10
@@ -21,7 +21,7 @@ def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None
     few = text.replace("[0.0, 0.1, 0.2, 0.3, 0.4]", f"[{', '.join(MEANS_S)}]")
     few = re.sub(r"(?m)^replicates = \d+$", f"replicates = {SEEDS}", few)
     few = re.sub(r"\[[^]]*5000 kg\"\]\n(.*= .*\n)+", "", few)  # not on the page
-    study, rows = read_results(computed(tmp_path, few))
+    study, rows = read_results(complete(tmp_path, text=few).folder)
     lines, network = [], ""
     for line in PAGE.read_text(encoding="utf-8").splitlines():
         if re.fullmatch(r"\*\*.*\*\*", line):

@@ -7,12 +7,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.result_reader import VERDICTS, Rows, read_results
-from steer_by_wire.closed_loop.studies.run_study import run_missing
-from steer_by_wire.closed_loop.studies.scenario import Scenarios
-from steer_by_wire.closed_loop.studies.study import Study, load_study
-from steer_by_wire.closed_loop.studies.workers import thread_workers
+from steer_by_wire.closed_loop.studies.study import Study
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import __main__
@@ -20,7 +16,7 @@ from steer_by_wire.tools.study.against_pd import comparison_section
 from steer_by_wire.tools.study.fault_reactions import reaction_sections
 from steer_by_wire.tools.study.law_by_delay import law_by_delay
 from steer_by_wire.tools.study.report import PAGE, write
-from tests.support.runs.small_study import CORNERS
+from tests.support.runs.small_study import CORNERS, complete
 from tests.support.suite.unrendered import unrendered as unrendered
 
 STUDY = (
@@ -54,19 +50,9 @@ PICTURES = ("error_over_delay",)
 PNG = b"\x89PNG"
 
 
-def computed(folder: Path, text: str) -> Path:
-    file = folder / "study.toml"
-    file.write_text(text, encoding="utf-8")
-    scenarios = Scenarios(load_study(file))
-    store = Store(folder / "out", scenarios)
-    store.open(text)
-    assert run_missing(store, thread_workers(scenarios, 1), lambda _: None, lambda: False)
-    return store.folder
-
-
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return computed(tmp_path_factory.mktemp("study"), STUDY)
+    return complete(tmp_path_factory.mktemp("study"), text=STUDY).folder
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +111,7 @@ name = "way"
 short = { plant.latency.downlink.mean_s = 0.02 }
 long = { plant.latency.downlink.mean_s = 0.3 }
 """
-    folder = computed(tmp_path, named)
+    folder = complete(tmp_path, text=named).folder
     assert law_by_delay(*read_results(folder)) is None
 
 
@@ -137,7 +123,7 @@ def test_the_page_of_drawn_factors_is_the_same_whenever_it_is_written(
     drawn = drawn.replace("values = [0.0, 0.2]", "start = 0.0\nstop = 0.2")
     drawn = drawn.replace("duration_s = 8.0", "duration_s = 2.0").replace("at_s = 1.0", "at_s = 0")
     drawn = drawn.replace("seed = 7", 'seed = 7\nkind = "sobol"\ncount = 50')
-    folder = computed(tmp_path, drawn)
+    folder = complete(tmp_path, text=drawn).folder
     first = write(folder)[0].read_bytes()
     assert write(folder)[0].read_bytes() == first
 
@@ -146,7 +132,7 @@ def test_a_study_without_latencies_has_a_page_too(
     tmp_path: Path,
 ) -> None:
     bare = STUDY.partition("[[factors]]")[0].replace("duration_s = 8.0", "duration_s = 2.0")
-    folder = computed(tmp_path, bare)
+    folder = complete(tmp_path, text=bare).folder
     assert "data:image/png;base64," not in write(folder)[0].read_text(encoding="utf-8")
 
 

@@ -5,6 +5,7 @@ derivative, and with what keeps them on the path (`delay_runs` gives the reasons
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,20 +15,18 @@ from ....closed_loop.reports.plot_style import law_styles
 from ....runtime.array_types import FloatArray
 from .. import published
 from ..delay_runs import (
-    CDOB,
     CDOB_AND_DDOB,
-    DDOB,
     DURATION_S,
-    PD,
     PD_AND_CDOB,
     SETTINGS_CAPTION,
     STEER_RAD_MAX,
     Compared,
+    Variant,
     compare,
     error_text,
     steer_text,
 )
-from ..reference_reading import CAPTION, ERROR, STEER, WHY, alike, picture, smaller
+from ..reference_reading import CAPTION, ERROR, STEER, WHY, JudgeReading, alike, picture, smaller
 from ..result import CLAIM, Comparison, Picture, Reproduction, verdict_of
 from ..simulation import History, thinned
 
@@ -48,6 +47,7 @@ _WHY_CDOB = (
 )
 
 
+_ERROR_CAPTION = f"The first {DURATION_S:g} s; the scale of the error is linear within ±0.1 m."
 _STEER_CAPTION = (
     f"The first {STEER_SHOWN_S:g} s; the RMS is over {DURATION_S:g} s. The same runs as in Figure"
 )
@@ -59,93 +59,33 @@ _CURVATURE = "curvature as a disturbance"
 """The other reading, that of all runs of the nodes."""
 
 
-def figure_21() -> Reproduction:
-    """Return the lateral deviation of PD and PD+CDOB."""
-    compared = compare(PD_AND_CDOB)
-    deciding = (
-        *(_errors(item, published.FIGURE_21) for item in compared),
-        *smaller(published.FIGURE_21, ERROR, (PD, CDOB)),
-    )
-    return Reproduction(
-        "figure_21",
-        "Lateral deviation with and without CDOB for time delay",
-        f"{SETTINGS_CAPTION} The first {DURATION_S:g} s; "
-        f"the scale of the error is linear within ±0.1 m. {CAPTION}",
-        (
-            panels("figure_21", compared, steer=False),
-            picture("figure_21_reference", "r - y [m]", ERROR, (PD, CDOB)),
-        ),
-        deciding,
-        verdict_of(deciding, is_corrected=True),
-        _WHY_CDOB + WHY.lstrip(),
-    )
+def _figure(
+    number: int,
+    title: str,
+    statement: str,
+    variants: Sequence[Variant],
+    caption: str,
+    why: str,
+    judge: Callable[[Compared, str], Comparison],
+    judge_reading: JudgeReading | None = None,
+) -> Reproduction:
+    """Return a figure of two laws.
 
-
-def figure_22() -> Reproduction:
-    """Return the steer of PD and PD+CDOB."""
-    compared = compare(PD_AND_CDOB)
-    deciding = (
-        *(_steers(item, published.FIGURE_22) for item in compared),
-        *smaller(published.FIGURE_22, STEER, (PD, CDOB)),
-    )
-    return Reproduction(
-        "figure_22",
-        "Steering angle with and without CDOB for time delay",
-        f"{SETTINGS_CAPTION} {_STEER_CAPTION} 21. {CAPTION}",
-        (
-            panels("figure_22", compared, steer=True),
-            picture("figure_22_reference", "steering angle [rad]", STEER, (PD, CDOB)),
-        ),
-        deciding,
-        verdict_of(deciding, is_corrected=True),
-        _WHY_CDOB
-        + "Without the washout the steer of PD+CDOB is smaller because it hardly steers."
-        + WHY,
-    )
-
-
-def figure_23() -> Reproduction:
-    """Return the lateral deviation of PD+CDOB and DDOB."""
-    compared = compare(CDOB_AND_DDOB)
-    deciding = tuple(_errors(item, published.FIGURE_23) for item in compared)
-    return Reproduction(
-        "figure_23",
-        "Lateral deviation of CDOB and DDOB compensated system",
-        f"{SETTINGS_CAPTION} The disturbance is the curvature, as in Figure 20. "
-        f"The first {DURATION_S:g} s; "
-        "the scale of the error is linear within ±0.1 m.",
-        (panels("figure_23", compared, steer=False),),
-        deciding,
-        verdict_of(deciding, is_corrected=True),
-        "That DDOB has the smaller error holds in every variant. Corrected is the derivative "
-        "(filter N = 30 rad/s instead of none, with which both end in a limit cycle) and C_r. But "
-        "neither law as published stays on the path: PD+CDOB leaves it with the square of time, "
-        "DDOB at a steady rate. With washout and type-2 Q both stay.",
-    )
-
-
-def figure_24() -> Reproduction:
-    """Return the steer of PD+CDOB and DDOB."""
-    compared = compare(CDOB_AND_DDOB)
-    deciding = (
-        *(_steers_alike(item) for item in compared),
-        *alike(published.FIGURE_24_STEER, STEER, (CDOB, DDOB)),
-    )
-    return Reproduction(
-        "figure_24",
-        "Steering angle and speed of CDOB and DDOB compensated system",
-        f"{SETTINGS_CAPTION} {_STEER_CAPTION} 23. The text says nothing of the "
-        f"speed, and (1) is of constant speed. {CAPTION}",
-        (
-            panels("figure_24", compared, steer=True),
-            picture("figure_24_reference", "steering angle [rad]", STEER, (CDOB, DDOB)),
-        ),
-        deciding,
-        verdict_of(deciding, is_corrected=True),
-        "Similar steer comes out with washout and type-2 Q, which change the laws. As published, "
-        "PD+CDOB hardly steers with a filtered derivative, and with the ideal one both go from "
-        "limit to limit." + WHY,
-    )
+    ``judge``          returns whether the statement holds for a variant
+    ``judge_reading``  the same with the path read as the reference; None: it is not read so
+    """
+    key, steer, laws = f"figure_{number}", judge is not _errors, variants[0].laws
+    compared = compare(variants)
+    comparisons = [judge(item, statement) for item in compared]
+    pictures = [panels(key, compared, steer=steer)]
+    if judge_reading is not None:
+        quantity = STEER if steer else ERROR
+        comparisons += judge_reading(statement, quantity, laws)
+        pictures.append(picture(f"{key}_reference", quantity, laws))
+        caption += f" {CAPTION}"
+    verdict = verdict_of(comparisons, is_corrected=True)
+    caption = f"{SETTINGS_CAPTION} {caption}"
+    return Reproduction(key, title, caption, tuple(pictures), tuple(comparisons), verdict, why)
 
 
 def _errors(item: Compared, statement: str) -> Comparison:
@@ -173,11 +113,11 @@ def _comparison(
     )
 
 
-def _steers_alike(item: Compared) -> Comparison:
+def _steers_alike(item: Compared, statement: str) -> Comparison:
     """Check "similar" as: the RMS of the difference is no notable part of the RMS."""
     first, second = item.pair
     apart_rad = rms(second.wheel_angle_rad - first.wheel_angle_rad)
-    steers = _steers(item, published.FIGURE_24_STEER)
+    steers = _steers(item, statement)
     return steers._replace(
         reproduced=f"{steers.reproduced}; apart: RMS {apart_rad:.4f} rad",
         agrees=apart_rad < _NOTABLY * rms(second.wheel_angle_rad),
@@ -223,3 +163,54 @@ def _shown(run: History, steer: bool) -> History:
 
 def _values(run: History, steer: bool) -> FloatArray:
     return run.wheel_angle_rad if steer else run.lateral_error_m
+
+
+figure_21 = partial(
+    _figure,
+    21,
+    "Lateral deviation with and without CDOB for time delay",
+    published.FIGURE_21,
+    PD_AND_CDOB,
+    _ERROR_CAPTION,
+    _WHY_CDOB + WHY.lstrip(),
+    _errors,
+    smaller,
+)
+figure_22 = partial(
+    _figure,
+    22,
+    "Steering angle with and without CDOB for time delay",
+    published.FIGURE_22,
+    PD_AND_CDOB,
+    f"{_STEER_CAPTION} 21.",
+    f"{_WHY_CDOB}Without the washout the steer of PD+CDOB is smaller because it hardly steers."
+    f"{WHY}",
+    _steers,
+    smaller,
+)
+figure_23 = partial(
+    _figure,
+    23,
+    "Lateral deviation of CDOB and DDOB compensated system",
+    published.FIGURE_23,
+    CDOB_AND_DDOB,
+    f"The disturbance is the curvature, as in Figure 20. {_ERROR_CAPTION}",
+    "That DDOB has the smaller error holds in every variant. Corrected is the derivative "
+    "(filter N = 30 rad/s instead of none, with which both end in a limit cycle) and C_r. But "
+    "neither law as published stays on the path: PD+CDOB leaves it with the square of time, "
+    "DDOB at a steady rate. With washout and type-2 Q both stay.",
+    _errors,
+)
+figure_24 = partial(
+    _figure,
+    24,
+    "Steering angle and speed of CDOB and DDOB compensated system",
+    published.FIGURE_24_STEER,
+    CDOB_AND_DDOB,
+    f"{_STEER_CAPTION} 23. The text says nothing of the speed, and (1) is of constant speed.",
+    "Similar steer comes out with washout and type-2 Q, which change the laws. As published, "
+    "PD+CDOB hardly steers with a filtered derivative, and with the ideal one both go from "
+    f"limit to limit.{WHY}",
+    _steers_alike,
+    alike,
+)
