@@ -26,6 +26,7 @@ from .path.settings import CorridorSettings, EllipseSettings, PathSettings, find
 from .sensors.settings import PathAheadSettings, SensorNoiseSettings, SteeringForceSettings
 from .steering.hand_wheel import HandWheelSettings
 from .steering.settings import SafetySettings, resync_ns_of
+from .vehicle.car.car_choice import find_car_model
 from .vehicle.car.rack_settings import LAG_S_MIN
 from .vehicle.car.settings import CarSettings
 from .vehicle.car.steering_health import Failure, Health
@@ -149,9 +150,15 @@ class PlantSettings(Settings):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """The path model of your own, as its place is now: a notebook may define it again."""
-        place = getattr(self.path, "model", None)
-        return () if place is None else (find_path_model(place),)
+        """The parts of your own in path and car, as their places are now.
+
+        What is kept for equal settings depends on them too: a notebook may define one again.
+        """
+        places = (
+            (find_path_model, getattr(self.path, "model", None)),
+            (find_car_model, None if self.car is None else self.car.model),
+        )
+        return tuple(find(place) for find, place in places if place is not None)
 
     @property
     def counters(self) -> CounterRule:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from .plant_emulator.path.settings import PathModel
     from .plant_emulator.path.waypoints import path_through
     from .plant_emulator.settings import PlantSettings
+    from .plant_emulator.vehicle.car.car_choice import CarModel
+    from .plant_emulator.vehicle.car.car_step import CarInput, CarParams, CarState, car_step
     from .plant_emulator.vehicle.settings import VehicleInput, VehicleModel, VehicleState
     from .plant_emulator.vehicle.single_track_model import VehicleParams
     from .runtime.settings import Settings, SettingsError
@@ -37,6 +39,8 @@ _NAMES = {
     "plant_emulator.path.settings": ("PathModel",),
     "plant_emulator.path.ellipse_and_lane_changes": ("path_of_curvature",),
     "plant_emulator.settings": ("PlantSettings",),
+    "plant_emulator.vehicle.car.car_choice": ("CarModel",),
+    "plant_emulator.vehicle.car.car_step": ("CarInput", "CarParams", "CarState", "car_step"),
     "plant_emulator.vehicle.settings": ("VehicleInput", "VehicleModel", "VehicleState"),
     "plant_emulator.vehicle.single_track_model": ("VehicleParams",),
     "plant_emulator.path.waypoints": ("path_through",),
@@ -52,6 +56,10 @@ _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 the standard library alone."""
 
 __all__ = [
+    "CarInput",
+    "CarModel",
+    "CarParams",
+    "CarState",
     "Check",
     "ControllerSettings",
     "ControllerTable",
@@ -71,6 +79,7 @@ __all__ = [
     "VehicleModel",
     "VehicleParams",
     "VehicleState",
+    "car_step",
     "check",
     "controller_presets",
     "feedback_stability",

@@ -9,7 +9,7 @@ which. In virtual time the nodes would go on.
 import math
 from collections.abc import Sequence
 from enum import StrEnum
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
 from ...plant_emulator.vehicle.car.car_design import car_motion_params
-from ...plant_emulator.vehicle.car.car_motion import CarInterval, GripPatch
+from ...plant_emulator.vehicle.car.car_motion import CarInterval, CarMotionParams, GripPatch
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.car.speed_control import SpeedLeg
 from ...plant_emulator.vehicle.car.steering_health import Failure
@@ -39,10 +39,11 @@ from ...plant_emulator.vehicle.settings import (
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 from ...runtime.settings import SettingsError
-from ...runtime.settings.plugin import Part
+from ...runtime.settings.plugin import Part, PartError, cause
 from .along_path import cg_deviations_m
+from .compilation import compiled_for_process
 from .hand_wheel import Wheel, wheel_of
-from .law_code import CompiledLaw, LawCode, compiled_law
+from .law_code import NOT_COMPILED, CompiledLaw, LawCode, compiled_law, innermost_cause
 from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, quantised
 from .loop import COMPLETE, IS_OVERRULED, LAW_FAILED, SPEED_CHANGED, TAKEN_OVER, run_segment
 from .loop_records import (
@@ -72,6 +73,7 @@ from .schedule import (
     quantised_speed_m_s,
     schedule_run,
 )
+from .step_functions import register_car
 
 if TYPE_CHECKING:
     from ...hand_wheel.settings import HandWheelSettings
@@ -97,7 +99,7 @@ class FaultsNotCompiledError(SettingsError):
 
 
 class OwnVehicleNotCompiledError(SettingsError):
-    """The vehicle's equations come from another package; only the nodes integrate those."""
+    """The vehicle's equations come from another package, and numba has no code for them."""
 
 
 class HandWheelNotCompiledError(SettingsError):
@@ -339,6 +341,10 @@ def _run(
     code = LawCode(law.step, law.plan, params.address, state_at, memory.address)
     segments = schedule.segments if instants.ticks.size else ()
     before, is_start = Mode.WAITING, True
+    own_car = None if plant.car is None else plant.car.model
+    run: Any = run_segment
+    if own_car is not None and isinstance(motion, CarMotionParams):
+        run = _run_segment_of_own(motion.car.__class__)
 
     def start_law(error_m: float) -> None:
         if before in (Mode.HOLDING, Mode.ACTIVE) and design.recovered_state is not None:
@@ -360,11 +366,18 @@ def _run(
         before = Mode(segment.mode)
         while True:
             try:
-                samples, ticks, outcome = run_segment(
+                samples, ticks, outcome = run(
                     code, motion, constants, instants, records, inbox, wheel, segment, is_start,
                     schedule.end_ns,
                 )  # fmt: skip
-            except Exception:
+            except NOT_COMPILED as error:
+                raise OwnVehicleNotCompiledError(
+                    f"car.model = {own_car!r}: numba cannot compile it: {innermost_cause(error)};"
+                    " the nodes run it as it is: steer-by-wire run"
+                ) from None
+            except Exception as error:
+                if own_car is not None:
+                    raise PartError(f"car model {own_car} raises {cause(error)}") from None
                 if controller.law_record.number is not LawNumber.CUSTOM:
                     raise
                 # As an output without numbers: the run ends at that tick.
@@ -386,6 +399,13 @@ def _run(
         if outcome != COMPLETE:
             break
     return samples, ticks, outcome
+
+
+@cache
+def _run_segment_of_own(kind: type) -> Any:
+    """Return ``run_segment`` for a car of another package, by the type of its params."""
+    register_car(kind)
+    return compiled_for_process(run_segment)
 
 
 def _filled(column: FloatArray) -> int:

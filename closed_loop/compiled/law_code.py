@@ -25,7 +25,7 @@ _numba: Any = numba
 NO_OUTPUT = LawOutput(0.0, 0.0, 0.0, 0.0)
 
 _FAILED = "Failed in nopython mode pipeline"
-_NOT_COMPILED = (NumbaError, UnsupportedBytecodeError, AssertionError, NotImplementedError)
+NOT_COMPILED = (NumbaError, UnsupportedBytecodeError, AssertionError, NotImplementedError)
 """What numba raises for Python that it does not know; only the first of them is a NumbaError."""
 _LAWS_KEPT = 256
 """Laws cached for the next run with the same controller; designing one costs a tenth of a run."""
@@ -120,10 +120,10 @@ def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
         kinds = _argument_kinds(design, like, start)
         step = _address(_variant(step_at, own), kinds, NO_OUTPUT)
         plan = _address(_variant(plan_at, own), kinds, -1) if design.plan else 0
-    except _NOT_COMPILED as error:
+    except NOT_COMPILED as error:
         raise LawNotCompiledError(
-            f"law = {controller.law!r}: numba cannot compile it: {_cause(error)}; the nodes run it"
-            " as it is: steer-by-wire run"
+            f"law = {controller.law!r}: numba cannot compile it: {innermost_cause(error)};"
+            " the nodes run it as it is: steer-by-wire run"
         ) from None  # numba's own hundred lines say nothing more
 
     @lru_cache(maxsize=_SPEEDS_KEPT)
@@ -166,7 +166,7 @@ def _address(function: Any, kinds: tuple[Any, ...], like: Any) -> int:
     return address
 
 
-def _cause(error: Exception) -> str:
+def innermost_cause(error: Exception) -> str:
     """Return the innermost reason that numba gives, and where in the law it is, in one line."""
     lines = [line.strip() for line in str(error).splitlines()]
     innermost = max((at for at, line in enumerate(lines) if _FAILED in line), default=-1) + 1

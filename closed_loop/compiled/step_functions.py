@@ -5,6 +5,7 @@ calls it. No arithmetic is written twice, so a compiled run gives the same bits.
 steps call are found and registered too.
 """
 
+import math
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
@@ -53,6 +54,7 @@ from ...plant_emulator.steering.hold_and_fallback import (
     start_guard,
 )
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
+from ...plant_emulator.vehicle.car.car_choice import BUILT_IN, CARS, drive_step, start_of_own
 from ...plant_emulator.vehicle.car.steering_choice import (
     STEERINGS,
     steering_at_rest,
@@ -142,10 +144,25 @@ def _at_rest_of(kind: type) -> Callable[[Any], Any]:
     return lambda _params: at_rest
 
 
+def _finite_step_of(kind: type) -> Callable[..., Any]:
+    """Return a car's step; one of another package ends the run where its place is no number."""
+    _, (_, _, step, _) = CARS[kind]
+
+    def finite(p: Any, x: Any, own: Any, inputs: Any, h_s: float) -> Any:
+        after, own = step(p, x, own, inputs, h_s)
+        if not math.isfinite(after.arc_length_m):
+            raise ArithmeticError("arc_length_m is not a finite number")
+        return after, own
+
+    return step if step is BUILT_IN.step else finite
+
+
+_choose(drive_step, _finite_step_of)
+_choose(start_of_own, lambda kind: CARS[kind][1].start)
 _choose(steering_step, lambda kind: STEERINGS[kind][0])
 _choose(steering_at_rest, _at_rest_of)
 _CHOSEN: frozenset[Callable[..., Any]] = frozenset(
-    (steering_step, steering_at_rest, row_at, vector)
+    (drive_step, start_of_own, steering_step, steering_at_rest, row_at, vector)
 )
 
 
@@ -160,6 +177,7 @@ def step_functions() -> tuple[Callable[..., Any], ...]:
         for function in (each.start, each.command, each.brake, each.advance, each.place)
     ]
     motions += [step for step, _ in STEERINGS.values()]
+    motions += [BUILT_IN.step, BUILT_IN.start]
     reached = _reached((*_CALLED_BY_LOOPS, *motions, *around, *laws, *plans))
     return tuple(function for function in reached if function not in _CHOSEN)
 
@@ -181,6 +199,13 @@ def register(function: Callable[..., Any]) -> None:
 @cache
 def _register(function: Callable[..., Any]) -> None:
     register_jitable(**INLINE)(function)
+
+
+def register_car(kind: type) -> None:
+    """Let compiled functions call the steps of a car, by the type of its params."""
+    _, model = CARS[kind]
+    register(model.step)
+    register(model.start)
 
 
 def register_law(name: str, law: Law, params: Any) -> None:

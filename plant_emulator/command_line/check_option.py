@@ -33,8 +33,9 @@ def check_text(settings: PlantSettings) -> str:
 
 def _vehicle(settings: PlantSettings) -> Iterator[str]:
     vehicle = settings.vehicle
-    if vehicle.model is not None:
-        yield f"Vehicle: equations of another package ({vehicle.model}), which are not analysed."
+    model = vehicle.model if settings.car is None else settings.car.model
+    if model is not None:
+        yield f"Vehicle: equations of another package ({model}), which are not analysed."
         return
     length_m = wheelbase_m(vehicle)
     gradient = understeer_gradient_s2_m(vehicle)

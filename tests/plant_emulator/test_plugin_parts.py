@@ -1,5 +1,6 @@
 """Parts of another package: they act as ours do, everywhere, and fail in one line."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -7,13 +8,18 @@ import numpy as np
 import pytest
 from pydantic import Field
 
+from examples.own_car import STABLE, Params
 from steer_by_wire import (
+    CarInput,
+    CarModel,
+    CarState,
     PathModel,
     Run,
     Settings,
     SettingsError,
     VehicleModel,
     VehicleState,
+    car_step,
     path_of_curvature,
     path_through,
     run_study,
@@ -61,6 +67,28 @@ SAME = VehicleModel(single_track)
 SHORT = VehicleModel(lambda _p, x, _u, _own: x[:3])
 FALLS = VehicleModel(lambda _p, _x, _u, _own: [0.0, 0.0, 0.0, 1.0 / 0.0])
 EXPLODES = VehicleModel(lambda _p, x, _u, _own: [0.0, 0.0, 0.0, 1e300 * (1.0 + abs(x[3]))])
+
+
+class Other(Params):
+    pass
+
+
+class Faster(Params):
+    pass
+
+
+def faster(p: Params, x: CarState, own: Any, u: CarInput, h_s: float) -> tuple[CarState, Any]:
+    after = car_step(p.car, x, u, h_s)
+    return after if x.arc_length_m < 1.0 else after._replace(speed_m_s=math.inf), own
+
+
+NOT_ITS_OWN = CarModel(lambda built_in, _own: built_in, STABLE.start, STABLE.step)
+ONE_STATE = CarModel(
+    lambda built_in, _own: Other(built_in, 0.0, 0.0, 1.0),
+    STABLE.start,
+    lambda p, x, _own, u, h_s: car_step(p.car, x, u, h_s),  # type: ignore[arg-type, return-value]
+)
+FAST = CarModel(lambda built_in, _own: Faster(built_in, 0.0, 0.0, 1.0), STABLE.start, faster)
 
 PUSH = [
     {"at_s": 0.5, "steering_offset_rad": 0.02},
@@ -130,6 +158,22 @@ def test_the_rig_s_own_equations_put_in_for_it_give_its_motion() -> None:
         )
 
 
+def test_a_car_with_a_state_of_its_own_gives_the_same_bits_compiled() -> None:
+    """Without gain it is the built-in one."""
+    road = {"plant.car.friction": 0.3, "plant.path": {"kind": "single_lane_change"}}
+    built_in = simulate("large_sedan", "highway_pd", duration_s=4.0, overrides=road)
+    for gain in (0.0, 4e4):
+        own_car = {"plant.car.model": STABLE, "plant.car.own": {"gain_n_m_s_rad": gain}}
+        virtual, compiled = (
+            simulate("large_sedan", "highway_pd", duration_s=4.0, overrides=road | own_car,
+                     engine=engine)
+            for engine in ("virtual", "compiled")
+        )  # fmt: skip
+        assert_same(compiled, virtual)
+        is_same = np.array_equal(virtual.plant.yaw_rate_rad_s, built_in.plant.yaw_rate_rad_s)
+        assert is_same == (gain == 0.0)
+
+
 def test_compiled_runs_and_studies_refuse_other_equations(tmp_path: Path) -> None:
     line = r"vehicle\.model = 'tests.*:SAME': compiled runs have"
     with pytest.raises(SettingsError, match=line):
@@ -185,6 +229,9 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
         ),
         (own("plant.vehicle", "SHORT"), ":SHORT raises TypeError: "),
         (own("plant.vehicle", "FALLS"), ":FALLS raises ZeroDivisionError: float division by zero"),
+        (own("plant.car", "NOT_ITS_OWN"), "params must be a NamedTuple of its own, not CarParams"),
+        (own("plant.car", "ONE_STATE"), ":ONE_STATE: a step must return a CarState, and a state "),
+        (own("plant.car", "FAST"), ":FAST: speed_m_s = inf is not a finite number"),
     ],
 )
 def test_what_is_wrong_with_it_is_said_in_one_line(overrides: dict[str, Any], line: str) -> None:

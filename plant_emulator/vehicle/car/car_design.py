@@ -7,6 +7,7 @@ from ...path.drivability import GRAVITY_M_S2
 from ...path.path import Path
 from ..disturbance import Load, loads
 from ..settings import ActuatorSettings, DisturbanceSettings, VehicleSettings
+from .car_choice import own_car_params
 from .car_motion import CarInterval, CarMotionParams, GripPatch
 from .car_step import CarParams
 from .first_order import FirstOrderParams
@@ -75,8 +76,9 @@ def car_motion_params(
     mass = vehicle.virtual_mass_kg
     starts = [0.0, *(patch.from_m for patch in car.grip), math.inf]
     frictions = [1.0, *(patch.friction for patch in car.grip)]
+    built_in = car_params(vehicle, car)
     return CarMotionParams(
-        car=car_params(vehicle, car),
+        car=built_in if car.model is None else own_car_params(car.model, built_in, car.own),
         steering=_first_order_params(actuator)
         if car.rack is None
         else rack_params(car.rack, actuator, vehicle),

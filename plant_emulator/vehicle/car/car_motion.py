@@ -13,7 +13,8 @@ from ....runtime.node import NEVER_NS
 from ...path.path import Path, Place, end_of_place_m, next_place
 from ...path.portable_trigonometry import arctan
 from ..exact_propagation import LinearState
-from .car_step import NEARNESS_MIN, CarInput, CarParams, CarState, car_step
+from .car_choice import drive_step, start_of_own
+from .car_step import NEARNESS_MIN, CarInput, CarState
 from .speed_control import SpeedParams, demand_step, wanted_speed
 from .steering_choice import steering_at_rest, steering_step
 from .steering_input import SteeringInput
@@ -51,9 +52,9 @@ class GripPatch(NamedTuple):
 
 
 class CarMotionParams(NamedTuple):
-    """Constants of a motion; ``steering`` as in ``steering_choice``."""
+    """Constants of a motion; ``car`` and ``steering`` as their modules choose."""
 
-    car: CarParams
+    car: Any
     steering: Any
     speed: SpeedParams
     path: Path
@@ -71,6 +72,7 @@ class CarMotionParams(NamedTuple):
 class CarMoment(NamedTuple):
     """The state at one time.
 
+    ``own``          state of the car's own (``car_choice``)
     ``demand_m_s2``  of the speed control
     ``leg``          of its profile
     ``place``        piece of the path beside the preview point
@@ -78,6 +80,7 @@ class CarMoment(NamedTuple):
     """
 
     car: CarState
+    own: Any
     steering: Any
     demand_m_s2: float
     leg: int
@@ -104,7 +107,7 @@ def start_car(p: CarMotionParams) -> CarMotionState:
     """Return the state at time 0."""
     lateral_m, heading_rad = p.lateral_error_m, p.heading_error_rad
     car = CarState(p.speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, lateral_m, heading_rad)
-    now = CarMoment(car, steering_at_rest(p.steering), 0.0, 0, Place(0, 0), 0)
+    now = CarMoment(car, start_of_own(p.car), steering_at_rest(p.steering), 0.0, 0, Place(0, 0), 0)
     return 0, _shown(p, now), (0, now, now, (0.0, inf, 0.0), 0, _interval_end_ns(p, 0))
 
 
@@ -174,7 +177,7 @@ def _moment_step(
     p: CarMotionParams, x: CarMoment, orders: Orders, interval: int, from_ns: int, to_ns: int
 ) -> CarMoment:
     """Return the state after one step of steering, speed control and car."""
-    car, steering, demand_m_s2, leg, place, patch = x
+    car, own, steering, demand_m_s2, leg, place, patch = x
     command_rad, limit_m_s, brake_m_s2 = orders
     h_s = 1e-9 * (to_ns - from_ns)
     load = p.intervals[interval]
@@ -208,10 +211,10 @@ def _moment_step(
         load.friction * p.patches[patch].friction,
         _curvature_1_m(p.path, place, car.arc_length_m),
     )
-    car = car_step(p.car, car, inputs, h_s)
+    car, own = drive_step(p.car, car, own, inputs, h_s)
     while car.arc_length_m >= end_of_place_m(p.path, place):
         place = next_place(p.path, place)
-    return CarMoment(car, steering, demand_m_s2, leg, place, patch)
+    return CarMoment(car, own, steering, demand_m_s2, leg, place, patch)
 
 
 def _curvature_1_m(path: Path, place: Place, arc_length_m: float) -> float:

@@ -6,12 +6,20 @@ are those of `[vehicle]`, whose ``virtual_mass_kg`` is the mass here.
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from ....runtime.settings import Settings
+from ....runtime.settings.plugin import (
+    PLUGIN_TABLE,
+    TABLE_SCHEMA,
+    PluginTable,
+    plugin_place,
+    plugin_table,
+)
 from ...path.lane import Lane
+from .car_choice import find_car_model
 from .rack_settings import RackSettings
 
 FASTEST_M_S = 70.0
@@ -78,6 +86,9 @@ class CarSettings(Settings):
     grip: tuple[GripSettings, ...] = Field((), max_length=10_000)
     rack: RackSettings | None = None
     """If omitted, the wheels follow as `[actuator]` says."""
+    model: Annotated[str, plugin_place(find_car_model)] | None = None
+    """A car of another package (``CarModel``), with states of its own, instead of the built-in."""
+    own: Annotated[PluginTable, plugin_table(find_car_model), TABLE_SCHEMA] = PLUGIN_TABLE
 
     @model_validator(mode="after")
     def _profile_and_road_have_an_order(self) -> Self:

@@ -46,7 +46,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 LIVE = ("--set", "duration_s=3", "--set", "safety.ftti_ms=off", "--preset", "paper_nominal")
 
 
-OF_NODES = ("own_vehicle", "networked_prediction", "packetised_mpc")
+OF_NODES = ("own_car", "networked_prediction", "packetised_mpc")
 """Examples with a model or law that is not compiled; of the others a compiled run is, bit for bit,
 what the nodes do (tests/closed_loop/compiled)."""
 
