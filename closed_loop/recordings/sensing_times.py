@@ -94,15 +94,11 @@ def _first_period_ns(since: NumberArray, arrived_ns: FloatArray) -> float:
     apart = max(min(len(since) // 16, _APART_MAX), 1)
     steps = since[apart:] - since[:-apart]
     is_forward = steps > 0
-    if not is_forward.any():
-        return float(CYCLE_TIMES_MS[SteeringStatus] * NS_PER_MS)
     slopes_ns = (arrived_ns[apart:] - arrived_ns[:-apart])[is_forward] / steps[is_forward]
+    median_ns = float(np.median(slopes_ns)) if is_forward.any() else 0.0
     dbc_ns = float(CYCLE_TIMES_MS[SteeringStatus] * NS_PER_MS)
-    overall_ns = float(arrived_ns[-1]) / max(float(since[-1]), 1.0)
-    median_ns = float(np.median(slopes_ns))
-    if any(abs(period_ns / dbc_ns - 1.0) < 0.05 for period_ns in (median_ns, overall_ns)):
-        return dbc_ns
-    return median_ns if median_ns > 0.0 else dbc_ns  # a clock that stands still
+    is_dbcs = abs(median_ns / dbc_ns - 1.0) < 0.05
+    return dbc_ns if is_dbcs or median_ns <= 0.0 else median_ns  # a clock that stands still
 
 
 def _slope(since: NumberArray, shift_ns: FloatArray, edges: list[int]) -> tuple[float, float]:

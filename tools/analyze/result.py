@@ -66,22 +66,21 @@ def print_results(results: Sequence[Result]) -> None:
         print(f"report: {result.folder / 'report.html'}")
 
 
-def _signal(name: str, key: str) -> Callable[[dict[str, Any]], str]:
-    return lambda figures: milliseconds(figures["signals"][name][key])
+_SPREAD = ("p50_s", "p99_s", "jitter_s")
+
+
+def _ms(part: str, name: str, *keys: str) -> Callable[[dict[str, Any]], str]:
+    return lambda figures: "/".join(milliseconds(figures[part][name][key]) for key in keys)
 
 
 def _latency(name: str) -> Callable[[dict[str, Any]], str]:
-    def read(figures: dict[str, Any]) -> str:
-        report = figures["latency"][name]
-        return "/".join(milliseconds(report[key], 2) for key in ("p50_s", "p99_s", "jitter_s"))
-
-    return read
+    return _ms("latency", name, *_SPREAD)
 
 
 def _intervals(name: str) -> Callable[[dict[str, Any]], str]:
     def read(figures: dict[str, Any]) -> str:
         interval = figures["latency"][name]["interval"] or {}
-        ends = (interval.get(key, (None, None)) for key in ("p50_s", "p99_s", "jitter_s"))
+        ends = (interval.get(key, (None, None)) for key in _SPREAD)
         return "/".join(f"{milliseconds(low, 1)}..{milliseconds(high, 1)}" for low, high in ends)
 
     return read
@@ -95,12 +94,12 @@ def _missing(figures: dict[str, Any]) -> str:
 _ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "frames": lambda figures: str(figures["frames"]),
     "duration [s]": lambda f: "no times" if f["duration_s"] is None else f"{f['duration_s']:.2f}",
-    "preview point, RMS [mm]": _signal("lateral_error_m", "rms"),
-    "preview point, peak [mm]": _signal("lateral_error_m", "peak"),
-    "centre of gravity, RMS [mm]": _signal("cg_deviation_m", "rms"),
-    "centre of gravity, peak [mm]": _signal("cg_deviation_m", "peak"),
-    "steer, RMS [mrad]": _signal("steer_rad", "rms"),
-    "steer, peak [mrad]": _signal("steer_rad", "peak"),
+    "preview point, RMS [mm]": _ms("signals", "lateral_error_m", "rms"),
+    "preview point, peak [mm]": _ms("signals", "lateral_error_m", "peak"),
+    "centre of gravity, RMS [mm]": _ms("signals", "cg_deviation_m", "rms"),
+    "centre of gravity, peak [mm]": _ms("signals", "cg_deviation_m", "peak"),
+    "steer, RMS [mrad]": _ms("signals", "steer_rad", "rms"),
+    "steer, peak [mrad]": _ms("signals", "steer_rad", "peak"),
     "round trip, p50/p99/jitter [ms]": _latency("round_trip"),
     "  of the network, 95 %": _intervals("round_trip"),
     "commands, latency, p50/p99/jitter [ms]": _latency("reported_downlink"),
