@@ -17,10 +17,6 @@ from steer_by_wire.runtime.settings.toml_text import dump_toml
 from steer_by_wire.tools.run.__main__ import main as closed_loop
 
 ROOT = Path(__file__).parents[3]
-BUILDERS = {
-    "closed_loop/pair/virtual_pair.py": "for all",
-}
-"""Where a plant is made, and why there."""
 LOST = FaultSettings(kind=FaultKind.DROP, direction="uplink", message="LATERAL_ERROR", onset_s=0.5)
 
 
@@ -34,14 +30,14 @@ def controller() -> ControllerSettings:
     return controller_preset("practical_pd")
 
 
-def test_no_tool_but_those_with_a_reason_makes_a_plant_of_its_own() -> None:
+def test_no_tool_makes_a_plant_of_its_own() -> None:
     found = {
         file.relative_to(ROOT).as_posix()
         for folder in ("closed_loop", "tools")
         for file in (ROOT / folder).rglob("*.py")
         if "PlantNode(" in file.read_text(encoding="utf-8")
     }
-    assert found == BUILDERS.keys()
+    assert found == {"closed_loop/pair/virtual_pair.py"}
 
 
 def test_a_pair_meets_the_faults_of_its_settings(

@@ -25,17 +25,15 @@ class Guarded:
 
     def __init__(
         self,
-        silence_ms: float = 140.0,
         hold_ms: float = 500.0,
         recovery_frames: int = 3,
         ramp_step_rad: float = 0.03125,
         override_ms: float | None = None,
-        angle: float = INF,
         plan_ms: float = 300.0,
     ) -> None:
         self.p = GuardParams(
-            limiter=LimiterParams(limit_table(1.0, angle, INF, INF, INF), 0.125, 100 * MS_NS, INF),
-            silence_ns=round(silence_ms * MS_NS),
+            limiter=LimiterParams(limit_table(1.0, INF, INF, INF, INF), 0.125, 100 * MS_NS, INF),
+            silence_ns=140 * MS_NS,
             plan_ns=round(plan_ms * MS_NS),
             hold_ns=round(hold_ms * MS_NS),
             recovery_frames=recovery_frames,
@@ -93,14 +91,10 @@ class Guarded:
         self.log.append((now_ns / MS_NS, self.mode, self.target))
 
 
-def steady(
-    guarded: Guarded, steer_rad: float, first_ms: float = 0.0, last_ms: float = 100.0
-) -> None:
-    """Commands every 10 ms."""
-    time_ms = first_ms
-    while time_ms <= last_ms:
+def steady(guarded: Guarded, steer_rad: float) -> None:
+    """Commands every 10 ms until 100 ms."""
+    for time_ms in range(0, 101, 10):
         assert guarded.command(time_ms, steer_rad)
-        time_ms += 10.0
 
 
 class Answer(NamedTuple):

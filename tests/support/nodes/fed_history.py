@@ -25,14 +25,14 @@ def error(value_m: float) -> LateralError:
 class FedHistory:
     """Feeds a history as the node does: echo and measurement of a sample, then the tick."""
 
-    def __init__(self, params: LoopDelayParams = PARAMS) -> None:
-        self.history = BusHistory(params, LIMITS)
+    def __init__(self) -> None:
+        self.history = BusHistory(PARAMS, LIMITS)
 
     def command(self, period: int, steer_rad: float) -> None:
         self.history.on_command(period, steer_rad)
 
-    def sample(self, number: int, counter: int | None, at_ns: int | None = None) -> None:
-        now_ns = number * PERIOD_NS if at_ns is None else at_ns
+    def sample(self, number: int, counter: int | None) -> None:
+        now_ns = number * PERIOD_NS
         status = echo(0, NO_COMMAND) if counter is None else echo(counter % (1 << 16))
         self.history.on_echo(status, number % 256, now_ns)
         self.history.on_vehicle(now_ns)

@@ -64,10 +64,10 @@ class Bench:
         self.step()
         return client
 
-    def join(self, channel: str = "can0", *, receive_own: bool = False) -> socket.socket:
+    def join(self, channel: str = "can0") -> socket.socket:
         """A client on a channel."""
         client = self.connect()
-        client.sendall(Hello(channel, receive_own=receive_own).pack())
+        client.sendall(Hello(channel).pack())
         self.step()
         assert not unpack_answer(client.recv(ANSWER.size)).reason
         return client
@@ -77,11 +77,11 @@ class Bench:
         for _ in range(times):
             assert self.broker.serve(0.0)
 
-    def advance(self, duration_ns: int, step_ns: int = CLASSIC_FRAME_NS) -> None:
+    def advance(self, duration_ns: int) -> None:
         """Let time pass, frame by frame."""
         end_ns = self.now_ns + duration_ns
         while self.now_ns < end_ns:
-            self.now_ns = min(self.now_ns + step_ns, end_ns)
+            self.now_ns = min(self.now_ns + CLASSIC_FRAME_NS, end_ns)
             self.step(1)
 
     def gone(self, cause: Cause) -> int:

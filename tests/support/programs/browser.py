@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -135,11 +135,11 @@ class Browser:
 
 
 @contextmanager
-def open_browser(program: str, options: Sequence[str] = ()) -> Iterator[Browser]:
+def open_browser(program: str) -> Iterator[Browser]:
     """Run a browser with one empty page until the end of the block."""
     loop = asyncio.new_event_loop()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        command = [program, *OPTIONS, f"--user-data-dir={folder}", *options, "about:blank"]
+        command = [program, *OPTIONS, f"--user-data-dir={folder}", "about:blank"]
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as it:
             try:
                 browser = Browser(loop)

@@ -96,14 +96,12 @@ def log_of(
     rng: np.random.Generator,
     *,
     delays_s: Mapping[str, float] | None = None,
-    noise: float = 1.0,
     knows: bool = True,
     network: tuple[float, float] = (0.0, 0.0),
 ) -> DrawnDrive:
     """Return what a log has of a drive.
 
     ``delays_s``  by which further channels come late
-    ``noise``     factor on the drawn noise
     ``knows``     whether mass, geometry and ratio are told
     ``network``   jitter of its latency [s] and share of samples lost, in bursts of three
     """
@@ -132,7 +130,7 @@ def log_of(
             time_s,
             response.yaw_rate_rad_s + car["yaw_rate_offset_rad_s"],
             rng,
-            noise * rng.uniform(0.001, 0.004),
+            rng.uniform(0.001, 0.004),
             5e-4,
         ),
         _measured(
@@ -140,7 +138,7 @@ def log_of(
             time_s,
             car[f"{side}:gain"] * response.lateral_acceleration_m_s2 + car[f"{side}:offset"],
             rng,
-            noise * rng.uniform(0.03, 0.12),
+            rng.uniform(0.03, 0.12),
             0.01,
             (delays_s or {}).get(side, 0.0),
         ),

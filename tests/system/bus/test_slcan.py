@@ -55,10 +55,8 @@ def commands(bus: AdapterBus) -> list[SteeringCommand]:
     return found
 
 
-def wait_for_mode(bus: AdapterBus, mode: Mode, after: int = 0) -> None:
-    wait_until(
-        lambda: any(command.mode is mode for command in commands(bus)[after:]), f"mode {mode.name}"
-    )
+def wait_for_mode(bus: AdapterBus, mode: Mode) -> None:
+    wait_until(lambda: mode in {command.mode for command in commands(bus)}, f"mode {mode.name}")
 
 
 def test_the_pair_closes_the_loop(bus: AdapterBus) -> None:

@@ -63,13 +63,11 @@ class ReceivedMessage(NamedTuple):
     frame: Frame
 
 
-def ends(
-    plant_key: bytes = KEY, controller_key: bytes = KEY, *, run: int = 0
-) -> tuple[Authentication, Authentication]:
+def ends(controller_key: bytes = KEY, *, run: int = 0) -> tuple[Authentication, Authentication]:
     """The two ends of a run that is not the first: other challenges, higher counters."""
     first = run * 10**9
     return (
-        plant(plant_key, b"plant%03d" % run, first),
+        plant(KEY, b"plant%03d" % run, first),
         controller(controller_key, b"ctrl-%03d" % run, first),
     )
 

@@ -1,6 +1,5 @@
 """Both nodes, their frames and virtual time: the loop as it is meant to run, to the last bit."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,7 +34,7 @@ from steer_by_wire.plant_emulator.vehicle.motion_parameters import motion_params
 from steer_by_wire.plant_emulator.vehicle.moving_vehicle import Motion
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS, Node
+from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 
 MS_NS = 1_000_000
@@ -97,7 +96,6 @@ def run(
     plant: PlantSettings,
     controller: ControllerSettings,
     bus: BusModel | None = None,
-    others: Sequence[Node] = (),
 ) -> Run:
     """Run to the end of the motion, on a wire without time unless a ``bus`` is given."""
     result = Run(PlantNode(plant, 0), ControllerNode(controller, 0), [])
@@ -107,7 +105,7 @@ def run(
         assert isinstance(decoded, Decoded)
         result.heard.append(ReceivedMessage(time_ns, decoded.message))
 
-    VirtualTimeExecutor((result.plant, result.controller, *others), bus, listen).run(NEVER_NS)
+    VirtualTimeExecutor((result.plant, result.controller), bus, listen).run(NEVER_NS)
     assert result.plant.finished
     return result
 

@@ -1,7 +1,6 @@
 """Commands stay away, the steering falls back, and laws that look back know where the wheel was."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ ONSET_S = 6.0
 class Outage:
     """A run with an outage of the commands; what the controller sent in the 3 s after it."""
 
-    def __init__(self, outage_s: float, delay_s: float, extra: Sequence[str] = ()) -> None:
+    def __init__(self, outage_s: float, delay_s: float) -> None:
         drop = 'kind="drop", direction="downlink", message="STEERING_COMMAND", magnitude=1.0'
         fault = f"faults=[{{{drop}, onset_s={ONSET_S}, duration_s={outage_s}}}]"
         plant = plant_preset(
@@ -33,7 +32,6 @@ class Outage:
                 f"duration_s={ONSET_S + outage_s + 3}",
                 f"latency.downlink.mean_s={delay_s}",
                 fault,
-                *extra,
             ],
         )
         law = controller_preset("practical_predictor")

@@ -46,12 +46,11 @@ OVERSTEER = {
 """The fastest growth that the settings allow: e-fold in 27 ms."""
 
 
-def late(tested: Link, samples: int, late_periods: float = 1.0) -> None:
-    """Tick so many times, each late by so many periods of the sensors, unless it has finished."""
+def late(tested: Link, samples: int) -> None:
+    """Tick so many times, each late by a period of the sensors, unless it has finished."""
     for _ in range(samples):
         if not tested.node.finished:
-            now_ns = tested.node.deadline_ns + round(late_periods * PERIOD_NS)
-            tested.tick(now_ns)
+            tested.tick(tested.node.deadline_ns + PERIOD_NS)
 
 
 def finish(tested: Link) -> int:
