@@ -15,8 +15,10 @@ class Gain(NamedTuple):
     gain_rad_m: float
 
 
-class OtherGain(NamedTuple):
-    gain_rad_m: float
+# Each law has params of its own, by whose type compiled runs tell them apart.
+OtherGain, ThirdGain, FourthGain, StandingGain, Countdown = (
+    NamedTuple(f"Gain{number}", [("gain_rad_m", float)]) for number in range(5)
+)
 
 
 class Asleep(NamedTuple):
@@ -44,12 +46,8 @@ def divide_later(p: Gain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOut
 DIVIDES = Law(divide_later, at_rest, design)
 
 
-class Countdown(NamedTuple):
-    gain_rad_m: float
-
-
 def no_number_later(p: Countdown, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
-    after, output = _steer(Gain(p.gain_rad_m), x, observed)
+    after, output = _steer(Gain(*p), x, observed)
     estimate = float("nan") if x.ticks_left == 0.0 else 0.0
     return after, LawOutput(output.steer_rad, estimate, 0.0, 0.0)
 
@@ -65,10 +63,6 @@ def through_json(p: OtherGain, x: Asleep, observed: LawInput) -> tuple[Asleep, L
 NOT_COMPILED = Law(through_json, at_rest, lambda _settings: OtherGain(1.0))
 
 
-class ThirdGain(NamedTuple):
-    gain_rad_m: float
-
-
 def import_inside(p: ThirdGain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
     import math  # what numba has no bytecode for
 
@@ -76,10 +70,6 @@ def import_inside(p: ThirdGain, x: Asleep, observed: LawInput) -> tuple[Asleep, 
 
 
 IMPORTS = Law(import_inside, at_rest, lambda _settings: ThirdGain(1.0))
-
-
-class FourthGain(NamedTuple):
-    gain_rad_m: float
 
 
 def call_with_keywords(p: FourthGain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
@@ -127,10 +117,6 @@ NEEDS_TABLE = Law(
 )
 
 PLAIN = {"step": _steer}
-
-
-class StandingGain(NamedTuple):
-    gain_rad_m: float
 
 
 def at_a_stand_only(speed_m_s: float) -> StandingGain:

@@ -15,7 +15,6 @@ from steer_by_wire.dbc.messages import (
     PlantStatus,
     SecondSender,
     SteeringCommand,
-    decode,
 )
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
@@ -23,6 +22,7 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
+from tests.support.frames.decoded_frames import decoded
 from tests.support.programs.running_program import running
 
 JOINS_NS = 2_003 * NS_PER_MS
@@ -42,26 +42,11 @@ class Visitor(ControllerNode):
         return list(sent) if now_ns < LEAVES_NS else []
 
 
-class Listener:
-    """Keeps every frame on the bus."""
-
-    deadline_ns = END_NS + 1
-    finished = False
-
-    def __init__(self) -> None:
-        self.heard: list[tuple[int, Decoded]] = []
-
-    def on_frame(self, frame: Frame, now_ns: int) -> list[Frame]:
-        decoded = decode(frame)
-        if isinstance(decoded, Decoded):
-            self.heard.append((now_ns, decoded))
-        return []
-
-    def on_tick(self, now_ns: int) -> list[Frame]:
-        raise AssertionError(now_ns)
+Heard = list[tuple[int, Decoded]]
+"""Every frame on the bus, and when."""
 
 
-def virtual(action: str, law: str, latency_s: float) -> tuple[Listener, PlantNode, ControllerNode]:
+def virtual(action: str, law: str, latency_s: float) -> tuple[Heard, PlantNode, ControllerNode]:
     """Run a plant and its controller, with a visitor for three of nine seconds."""
     line = {"mean_s": latency_s}
     plant = PlantNode(
@@ -77,17 +62,21 @@ def virtual(action: str, law: str, latency_s: float) -> tuple[Listener, PlantNod
     asked = [f"supervision.second_sender={action}"]
     controller = ControllerNode(controller_preset(f"practical_{law}", asked), 0)
     visitor = Visitor(controller_preset("practical_pd", asked), JOINS_NS)
-    listener = Listener()
-    VirtualTimeExecutor([plant, controller, visitor, listener], BusModel(500_000)).run(END_NS)
-    return listener, plant, controller
+    heard: Heard = []
+
+    def listen(time_ns: int, _sender: int, frame: Frame) -> None:
+        heard.append((time_ns, decoded(frame)))
+
+    VirtualTimeExecutor([plant, controller, visitor], BusModel(500_000), listen).run(END_NS)
+    return heard, plant, controller
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.25])
 def test_in_virtual_time_all_report_a_second_controller_while_it_is_there(latency_s: float) -> None:
-    listener, plant, controller = virtual("report", "predictor", latency_s)
+    heard, plant, controller = virtual("report", "predictor", latency_s)
     plant_says = [
         (at_ns, one.message.second_sender)
-        for at_ns, one in listener.heard
+        for at_ns, one in heard
         if isinstance(one.message, PlantStatus)
     ]
     # In time, through any latency of the plant's, and for a second after the visitor has left.
@@ -97,9 +86,7 @@ def test_in_virtual_time_all_report_a_second_controller_while_it_is_there(latenc
     assert LEAVES_NS + 0.9 * NS_PER_S < ends_ns < LEAVES_NS + 1.2 * NS_PER_S
     assert {says for at_ns, says in plant_says if at_ns > ends_ns} == {NONE}
     controllers_say = {
-        one.message.second_sender
-        for _, one in listener.heard
-        if isinstance(one.message, ControllerSafety)
+        one.message.second_sender for _, one in heard if isinstance(one.message, ControllerSafety)
     }
     assert controllers_say == {NONE, OWN}
     assert plant.report()["second_senders"] == [
@@ -111,16 +98,14 @@ def test_in_virtual_time_all_report_a_second_controller_while_it_is_there(latenc
 
 @pytest.mark.parametrize("law", ["pd_ddob", "predictor"])
 def test_silent_nodes_hold_and_stop_until_the_second_controller_has_left(law: str) -> None:
-    listener, plant, controller = virtual("silent", law, 0.02)
-    commands_ns = [
-        at_ns for at_ns, one in listener.heard if isinstance(one.message, SteeringCommand)
-    ]
+    heard, plant, controller = virtual("silent", law, 0.02)
+    commands_ns = [at_ns for at_ns, one in heard if isinstance(one.message, SteeringCommand)]
     silence_ns, since_ns = max((b - a, a) for a, b in pairwise(commands_ns))
     assert JOINS_NS < since_ns < JOINS_NS + 0.2 * NS_PER_S
     assert since_ns + silence_ns > LEAVES_NS + 0.8 * NS_PER_S
     asks = {
         one.message.motion_request
-        for at_ns, one in listener.heard
+        for at_ns, one in heard
         if isinstance(one.message, ControllerSafety) and since_ns < at_ns < LEAVES_NS
     }
     assert MotionRequest.STOP in asks
