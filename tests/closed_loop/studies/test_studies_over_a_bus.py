@@ -64,19 +64,6 @@ def study_file(folder: Path, text: str) -> Path:
     return file
 
 
-def test_a_bus_with_nothing_on_it_gives_the_run_of_both_programs(tmp_path: Path) -> None:
-    file = study_file(tmp_path, "[base.bus]\nbitrate_bit_s = 250_000\n")
-    scenarios = Scenarios(load_study(file))
-    pair = scenarios.pair(0)
-    wanted = run_virtual_pair(pair.plant, pair.controller, BusSettings(bitrate_bit_s=250_000))
-    ideal = run_virtual_pair(pair.plant, pair.controller, None)
-    table = run_study(file)
-    assert table["rms_m"][0] == pytest.approx(wanted.plant["node"]["rms_m"], rel=1e-9)
-    assert table["rms_m"][0] != ideal.plant["node"]["rms_m"]
-    assert table["samples"][0] == len(wanted.trace.time_s)
-    assert table["commands_acted"][0] == wanted.plant["node"]["downlink"]["released"]
-
-
 class Noisy(NamedTuple):
     """A study with all these factors, its results, and what the program said."""
 
@@ -112,15 +99,6 @@ def test_load_errors_and_clocks_are_factors_and_every_run_can_be_repeated(
     bus = pair_of_row(record, {"overrides": overrides, "controller": "practical_pd"}).bus
     assert bus is not None
     assert (bus.load, bus.bit_error_rate) == (0.6, 0.01)
-
-
-def test_a_study_without_a_bus_is_compiled(tmp_path: Path) -> None:
-    study = load_study(study_file(tmp_path, ""))
-    assert study.bus is None
-    assert not study.on_nodes
-    row = np.full(len(COLUMNS), np.nan)
-    scenarios = Scenarios(study)
-    assert Computer(scenarios).run(scenarios.pair(0), row) == "too short"
 
 
 @pytest.mark.parametrize(

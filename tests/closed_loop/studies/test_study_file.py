@@ -1,6 +1,5 @@
 """Study files: what they may say, which points they stand for, and what is refused in one line."""
 
-import tomllib
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -279,6 +278,14 @@ BAD: dict[str, tuple[str, str]] = {
         "[base.plant]\nduration_s = -1.0\n",
         r"study\.toml: base\.plant: duration_s = -1\.0 should be greater than 0",
     ),
+    "thresholds of single runs": (
+        "[base.plant.verdict]\nroad_m = 1.0\n",
+        r"plant\.verdict is for single runs: give the study's own table \[verdict\]",
+    ),
+    "thresholds as a factor": (
+        '[[factors]]\nkey = "plant.verdict.road_m"\nvalues = [1.0, 2.0]\n',
+        r"the study's own table \[verdict\]",
+    ),
     "faults for all runs": (
         '[[base.plant.faults]]\nkind = "drop"\ndirection = "uplink"\n',
         r"study\.toml: base\.plant sets faults, which need a bus: add \[base\.bus\]",
@@ -304,18 +311,6 @@ def test_a_bad_study_is_refused_in_one_line(tmp_path: Path, case: str) -> None:
     assert len(caught.value.mistakes) == 1
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "[base.plant.verdict]\nroad_m = 1.0\n",
-        '[[factors]]\nkey = "plant.verdict.road_m"\nvalues = [1.0, 2.0]\n',
-    ],
-)
-def test_thresholds_of_single_runs_are_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(SettingsError, match=r"the study's own table \[verdict\]"):
-        scenarios(tmp_path, text)
-
-
 def test_a_controller_that_is_not_there_is_refused(tmp_path: Path) -> None:
     base = '[base]\ncontrollers = ["practical_pdd"]\n'
     with pytest.raises(SettingsError, match="did you mean practical_pd"):
@@ -330,11 +325,9 @@ def test_a_controller_can_be_a_file_beside_the_study(tmp_path: Path) -> None:
 
 
 def test_factors_keep_their_labels_and_keys() -> None:
-    table = tomllib.loads('keys = ["plant.a", "plant.b"]\nvalues = [1, 2]')
-    settings = FactorSettings(keys=tuple(table["keys"]), values=tuple(table["values"]))
+    settings = FactorSettings(keys=("plant.a", "plant.b"), values=(1, 2))
     factor = make_factor(settings, True, "here")
-    assert factor.name == "a"
-    assert [level.label for level in factor.levels or ()] == [1, 2]
+    assert (factor.name, factor.labels) == ("a", (1, 2))
     assert (factor.levels or ())[0].values == (("plant.a", 1), ("plant.b", 1))
 
 
