@@ -143,7 +143,7 @@ def sweep(
         for key, values in factors.items()
     ]
     varied = {"base.controllers": names, "factors": rows}
-    varied |= {"sampling": {"replicates": replicates, "seed": seed}}
+    varied |= {"sampling": {"replicates": replicates, "seed": seed}, "verdict": driven.verdict}
     settings = with_values(StudySettings(base=BaseSettings(controllers=("one",))), varied, "sweep")
     study = study_of(
         settings,

@@ -78,7 +78,7 @@ class Scenarios:
 
     def __init__(self, study: Study) -> None:
         self.study = study
-        self.controllers = tuple(study.controllers)
+        self.controllers = study.names
         self.plant_of = study.plant_of
         self._language = read_language(study.dialect)
         self._naming = naming(self._language)

@@ -28,6 +28,8 @@ from .factors import Design, Factor, in_grid_order, make_design, make_factor
 from .study_file import SamplingKind, StudySettings, read_study
 
 RUNS_MAX = 2**40
+OWN_VERDICT = "plant.verdict is for single runs: give the study's own table [verdict]"
+"""A study judges all its runs by one table."""
 COLUMNS_TAKEN = (
     *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
     *COLUMNS,
@@ -136,7 +138,12 @@ def study_of(
     """Return a study of settings whose tables are known; raises SettingsError."""
     design = make_design(study_factors(settings, file), settings.sampling)
     own = plant, controllers, design, bus, dialect, on_nodes or bus is not None
-    return Study(file, settings, *own)
+    study = Study(file, settings, *own)
+    if any(factor.sets("plant.verdict") for factor in study.factors):
+        raise SettingsError(f"{file}: {OWN_VERDICT}")
+    if study.runs > RUNS_MAX:
+        raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
+    return study
 
 
 def load_study(file: Path) -> Study:
@@ -166,10 +173,10 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     )
     if study.bus is None:
         _refuse_without_bus(study)
-    _refuse_own_verdict(study)
+    defaults = VerdictRules().model_dump(mode="json")
+    if study.plant.get("verdict", defaults) != defaults:
+        raise SettingsError(f"{file}: {OWN_VERDICT}")
     _refuse_unread(study)
-    if study.runs > RUNS_MAX:
-        raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
     return study
 
 
@@ -185,17 +192,6 @@ def _refuse_without_bus(study: Study) -> None:
     for name in study.commands:
         where = f"base.variants.{name}.command"
         raise SettingsError(f"{study.file}: {where}: a program needs a bus: add [base.bus]")
-
-
-def _refuse_own_verdict(study: Study) -> None:
-    """Refuse thresholds for a single run: a study judges all its runs by one table."""
-    defaults = VerdictRules().model_dump(mode="json")
-    is_default = study.plant.get("verdict", defaults) == defaults
-    is_varied = any(factor.sets("plant.verdict") for factor in study.design.factors)
-    if is_varied or not is_default:
-        raise SettingsError(
-            f"{study.file}: plant.verdict is for single runs: give the study's own table [verdict]"
-        )
 
 
 def _refuse_unread(study: Study) -> None:

@@ -27,7 +27,7 @@ POINTS_MAX = 1_000_000
 """Points of a Sobol sequence, which are held in memory."""
 REPLICATES_MAX = 100_000
 
-LevelValue = bool | int | float | str | dict[str, Any]
+LevelValue = bool | int | float | str | list[Any] | dict[str, Any]
 
 
 class FactorSettings(Settings):

@@ -54,6 +54,7 @@ def test_a_sweep_takes_what_simulate_takes() -> None:
             assert of_sweep[name].default == parameter.default, name
 
 
+FAULT = {"kind": "drop", "direction": "uplink", "onset_s": 0.5, "duration_s": 0.1}
 KINDS: dict[str, dict[str, Any]] = {
     "presets": {"plant": "paper_corner_a", "controller": "practical_pid"},
     "settings": {
@@ -76,11 +77,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "sensors": {"controller": "practical_predictor", "overrides": {"plant.sensor_period_ms": 20.0}},
     "faults": {
         "engine": "virtual",
-        "overrides": {
-            "plant.faults": [
-                {"kind": "drop", "direction": "uplink", "onset_s": 0.5, "duration_s": 0.1}
-            ]
-        },
+        "overrides": {"plant.faults": [FAULT]},
     },
     "bus": {"engine": "virtual", "bus": {"load": 0.7}},
     "bus in a file": {"engine": "virtual", "bus": "bus.toml"},
@@ -108,6 +105,20 @@ def test_a_row_of_a_sweep_is_the_run_of_simulate(
     assert table["steer_peak_rad"][0] == np.max(np.abs(run.controller.sent_rad))
     assert table["law"][0] == run.controller_settings.law
     assert run.rms_m > 0.0
+
+
+def test_a_sweep_judges_by_the_thresholds_of_its_plant() -> None:
+    narrow = {"plant.verdict.road_m": 0.001}
+    assert sweep({}, duration_s=5.0)["verdict"][0] == "holds"
+    assert sweep({}, duration_s=5.0, overrides=narrow)["verdict"][0] == "left road"
+
+
+def test_a_sweep_goes_over_lists_too() -> None:
+    lists = [[0.0], np.array([0.0, 0.2])]
+    table = sweep({"latencies": lists}, duration_s=2.0)
+    assert table["rms_m"].tolist() == [
+        simulate(latencies=each, duration_s=2.0, engine="compiled").rms_m for each in lists
+    ]
 
 
 def test_a_sweep_has_a_row_for_every_combination() -> None:
@@ -155,6 +166,8 @@ def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set
         ({"over": {"plant": ["paper_nominal"]}}, r"sweep over plant: takes one; sweep over keys"),
         ({"over": {}, "latencies": []}, "latencies: holds none"),
         ({"over": {}, "overrides": {"sed": 1}}, r"key sed starts with neither plant\. nor"),
+        ({"over": {"plant.verdict.road_m": [1.0]}}, "sweep: plant.verdict is for single runs"),
+        ({"over": {}, "overrides": {"plant.faults": [FAULT]}}, "faults: "),
         ({"over": {}, "hand_wheel": "still"}, "sweep: hand_wheel: no run of a sweep has one"),
         ({"over": {}, "engine": "compiled", "bus": {"load": 0.7}}, "bus: in a compiled run"),
         (
