@@ -20,13 +20,6 @@ priority = whole_number(0, 99)
 """Reads a priority of SCHED_FIFO (sched(7)), or 0."""
 
 
-class RealTimeRequest(NamedTuple):
-    """Priority of SCHED_FIFO, 1 to 99, or 0 for the ordinary one; whether to lock memory."""
-
-    priority: int = 0
-    lock_memory: bool = False
-
-
 class HostAnswer(NamedTuple):
     """One request, whether it was granted, and details or the reason why not."""
 
@@ -36,18 +29,20 @@ class HostAnswer(NamedTuple):
 
 
 @contextmanager
-def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
+def real_time(priority: int, *, lock_memory: bool = False) -> Iterator[list[HostAnswer]]:
     """Run the block in real time, as far as the host grants it; yields the answers.
+
+    ``priority``  of SCHED_FIFO, 1 to 99, or 0 for the ordinary one
 
     Afterwards the program has its ordinary priority again, so that writing its report does not
     delay others. Memory lock and timer slack stay: they delay no one.
     """
     answers = [_timer_slack()]
-    if request.lock_memory:
+    if lock_memory:
         answers.append(_locked_memory())
     with without_garbage_collection():
         answers.append(HostAnswer("garbage collector", True, "frozen, off during the run"))
-        fifo = _fifo(request.priority) if request.priority else None
+        fifo = _fifo(priority) if priority else None
         if fifo is not None:
             answers.append(fifo)
         try:

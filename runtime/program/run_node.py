@@ -22,7 +22,7 @@ from ..recording.recorder import Recording, RecordingPort
 from ..settings import Settings
 from ..settings.plugin import PartError
 from .fail_if_conditions import Ending, fail_status
-from .priority_and_memory_lock import RealTimeRequest, real_time
+from .priority_and_memory_lock import real_time
 from .report import run_report, summary_lines, write_json
 from .screen import Observer, Screen
 from .stop_request import StopRequest
@@ -153,9 +153,8 @@ def _run_in_real_time(
     recording: Recording | None,
     screen: Screen,
 ) -> tuple[N, _Run]:
-    request = RealTimeRequest(options.priority, options.lock_memory)
     failure, status = "", ExitStatus.OK
-    with real_time(request) as answers:
+    with real_time(options.priority, lock_memory=options.lock_memory) as answers:
         start_ns = time.monotonic_ns()
         if options.duration is not None:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))

@@ -35,7 +35,7 @@ from ...runtime.program.bus_options import (
     bus_settings,
     data_bit_rate,
 )
-from ...runtime.program.priority_and_memory_lock import RealTimeRequest, priority, real_time
+from ...runtime.program.priority_and_memory_lock import priority, real_time
 
 NAME = "steer-by-wire bus"
 
@@ -82,7 +82,7 @@ def _serve(
         print(f"{NAME}: listening at {address}, {rates}", flush=True)
         ends = [signalled, sys.stdin.fileno()] if options.end_with_stdin else [signalled]
         try:
-            with real_time(RealTimeRequest(options.priority)):
+            with real_time(options.priority):
                 broker.run(ends)
         except OSError as error:
             raise AddressError(f"the bus at {address} has failed: {cause_of(error)}") from error

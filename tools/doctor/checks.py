@@ -14,7 +14,7 @@ from ...closed_loop.reports.findings import Finding, finding_lines
 from ...runtime.exit_status import BusError
 from ...runtime.port.interface_choice import add_bus_arguments, choose_bus
 from ...runtime.port.python_can import check_openable
-from ...runtime.program.priority_and_memory_lock import RealTimeRequest, real_time
+from ...runtime.program.priority_and_memory_lock import real_time
 from ...with_vcan.backend_choice import backends
 from ...with_vcan.request import Request, missing_programs
 
@@ -159,8 +159,7 @@ def _rights() -> list[Finding]:
         "real-time priority": "as root, or in /etc/security/limits.d: YOU - rtprio 99",
         "memory lock": "as root, or in /etc/security/limits.d: YOU - memlock unlimited",
     }
-    request = RealTimeRequest(priority=REAL_TIME_PRIORITY, lock_memory=True)
-    with real_time(request) as answers:
+    with real_time(REAL_TIME_PRIORITY, lock_memory=True) as answers:
         granted = list(answers)
     return [Finding(*one, "" if one.got else advice.get(one.name, "")) for one in granted]
 

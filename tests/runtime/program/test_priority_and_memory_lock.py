@@ -9,16 +9,18 @@ import os
 import resource
 import sys
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 
 import pytest
 
 from steer_by_wire.runtime.program.priority_and_memory_lock import (
     HostAnswer,
-    RealTimeRequest,
     real_time,
 )
 
-EVERYTHING = RealTimeRequest(priority=50, lock_memory=True)
+
+def everything() -> AbstractContextManager[list[HostAnswer]]:
+    return real_time(50, lock_memory=True)
 
 
 class Linux:
@@ -77,7 +79,7 @@ def by_name(answers: list[HostAnswer]) -> dict[str, HostAnswer]:
 
 
 def test_what_is_granted_is_reported_as_got(linux: Linux) -> None:
-    with real_time(EVERYTHING) as answers:
+    with everything() as answers:
         assert all(answer.got for answer in answers)
         assert {answer.name: answer.detail for answer in answers} == {
             "timer slack": "1 ns",
@@ -95,14 +97,14 @@ def test_under_a_limit_only_the_memory_in_use_is_locked(
 ) -> None:
     linux.user = 1000
     monkeypatch.setattr(resource, "getrlimit", lambda _: (8 << 20, 8 << 20))
-    with real_time(EVERYTHING) as answers:
+    with everything() as answers:
         assert by_name(answers)["memory lock"].detail == "no page of the start leaves the memory"
     assert ("mlockall", 1) in linux.calls
 
 
 def test_what_is_refused_is_reported_with_the_reason_and_the_block_runs(linux: Linux) -> None:
     linux.error = 1
-    with real_time(EVERYTHING) as answers:
+    with everything() as answers:
         refused = {name: a.detail for name, a in by_name(answers).items() if not a.got}
     assert set(refused) == {"timer slack", "memory lock", "real-time priority"}
     assert all(os.strerror(1) in detail for detail in refused.values())
@@ -112,7 +114,7 @@ def test_elsewhere_everything_is_refused_by_name(
     linux: Linux, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
-    with real_time(EVERYTHING) as answers:
+    with everything() as answers:
         refused = {name: a.detail for name, a in by_name(answers).items() if not a.got}
     assert set(refused.values()) == {"only on Linux"}
     assert len(refused) == 3
@@ -124,7 +126,7 @@ def test_the_program_is_an_ordinary_one_again_however_the_block_ends(
     linux: Linux, error: Exception | None
 ) -> None:
     try:
-        with real_time(EVERYTHING):
+        with everything():
             assert linux.policy == os.SCHED_FIFO
             if error is not None:
                 raise error
