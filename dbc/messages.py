@@ -138,7 +138,7 @@ def decode(frame: Frame) -> Decoded | Rejection:
     if codec is None or flags != codec.flags or len(data) != codec.length:
         return misfit_of(frame)
     unpacked = codec.unpack(data)
-    if isinstance(unpacked, Rejection):
+    if not isinstance(unpacked, tuple):
         return cause_of(unpacked, can_id, data)
     return new_record(Decoded, unpacked)
 
