@@ -17,7 +17,6 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
-from tests.searches.drawn_logs import Logs, mistake_in
 from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import (
     Run,
@@ -250,11 +249,3 @@ def test_an_identifier_that_no_frame_has_is_damage_and_no_foreign_frame(
     is_one = 0 <= identifier < 1 << (29 if is_extended else 11)
     assert read == ([0x110, identifier] if is_one else [0x110])
     assert log_file.state.unreadable == (not is_one)
-
-
-def test_of_drawn_damage_what_is_read_and_what_is_not_are_what_was_written(tmp_path: Path) -> None:
-    logs = Logs(tmp_path)
-    for number in range(20):
-        file, damage, written = logs.draw(Random(number))
-        mistake, _ = mistake_in(file, written)
-        assert not mistake, damage
