@@ -14,7 +14,6 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, PositiveFloat, Tag
 
-from ..dbc.codec.counter_rule import CounterRule
 from ..dbc.messages import Freshness
 from ..dbc.reception import SecondSenderAction
 from ..runtime.node import NS_PER_MS
@@ -121,12 +120,6 @@ def age_limits_of(table: SupervisionSettings, period_ns: int) -> AgeLimits:
         return round(limit_ms * NS_PER_MS)
 
     return AgeLimits(*(limit_ns(getattr(table, key)) for key in _TIMEOUTS))
-
-
-def counters_of(table: SupervisionSettings, period_ns: int) -> CounterRule:
-    """Return which counters of the measurements are accepted."""
-    lead_ns = round(table.counter_lead_ms * NS_PER_MS)
-    return CounterRule(lead_ns, table.recovery_frames, resync_ns_of(table, period_ns))
 
 
 def resync_ns_of(table: SupervisionSettings, period_ns: int) -> int:

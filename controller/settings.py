@@ -10,10 +10,10 @@ from typing import Self
 from pydantic import model_validator
 
 from ..dbc.codec.counter_rule import CounterRule
-from ..runtime.node import NS_PER_S
+from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import SharedTable, load_settings, read_preset, read_table
-from .age_limits import AgeLimits, SupervisionSettings, age_limits_of, counters_of
+from .age_limits import AgeLimits, SupervisionSettings, age_limits_of, resync_ns_of
 from .laws.law_from_settings import design_law
 from .laws.settings import LawSettings
 from .limits.designed_ranges import DesignedRanges, designed_ranges_of
@@ -78,7 +78,9 @@ class ControllerSettings(LawSettings):
     @property
     def counters(self) -> CounterRule:
         """Which counters of the measurements are accepted."""
-        return counters_of(self.supervision, self.period_ns)
+        table = self.supervision
+        lead_ns, silence_ns = table.counter_lead_ms * NS_PER_MS, resync_ns_of(table, self.period_ns)
+        return CounterRule(round(lead_ns), table.recovery_frames, silence_ns)
 
 
 def controller_preset(name: str, overrides: Sequence[str] = ()) -> ControllerSettings:

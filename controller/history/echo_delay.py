@@ -23,7 +23,6 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import SteeringStatusCode
-from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
 
 _OFFSET_STEP_NS_MAX = 1_000_000_000
@@ -59,15 +58,6 @@ class LoopDelayParams(NamedTuple):
     sensor_period_ns: int
     averaging_samples: float
     dead_samples: int = 0
-
-
-def loop_delay_params(table: LinkSettings, rate_hz: float) -> LoopDelayParams:
-    """Return the parameters of the measurement."""
-    return LoopDelayParams(
-        round(NS_PER_S / rate_hz),
-        round(table.sensor_period_ms * NS_PER_MS),
-        max(1.0, table.delay_averaging_s / table.sensor_period_s),
-    )
 
 
 class DelayState(NamedTuple):

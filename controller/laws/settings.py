@@ -17,6 +17,7 @@ from pydantic import (
 from pydantic_core import PydanticKnownError
 
 from ...dbc.messages import LawNumber
+from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
 from ...runtime.settings.plugin import (
     PLUGIN_TABLE,
@@ -33,7 +34,7 @@ from ..filters.settings import (
     VehicleModelSettings,
 )
 from ..filters.transfer_function import TransferFunction
-from ..history.echo_delay import LinkSettings, LoopDelayParams, loop_delay_params
+from ..history.echo_delay import LinkSettings, LoopDelayParams
 from ..law_interface import Law
 from ..limits.designed_ranges import ValiditySettings
 from ..prediction.gains_over_speed import EstimatorSettings
@@ -122,8 +123,13 @@ class LawSettings(_TablesOfLaws):
     @property
     def loop_delay(self) -> LoopDelayParams:
         """The parameters of the measurement of the delay."""
-        dead_samples = round(self.estimator.actuator_dead_time_s / self.link.sensor_period_s)
-        return loop_delay_params(self.link, self.rate_hz)._replace(dead_samples=dead_samples)
+        sensor_period_s = self.link.sensor_period_s
+        return LoopDelayParams(
+            round(NS_PER_S / self.rate_hz),
+            round(self.link.sensor_period_ms * NS_PER_MS),
+            max(1.0, self.link.delay_averaging_s / sensor_period_s),
+            round(self.estimator.actuator_dead_time_s / sensor_period_s),
+        )
 
     @property
     def model(self) -> TransferFunction | None:

@@ -31,14 +31,21 @@ def echoed_age(count: int, counter: int) -> int | None:
     return age
 
 
-class SentCommands:
-    """Stores sending times and angles; ``count`` is the number of commands sent."""
+class CommandFrames:
+    """Makes the frames, and stores when each was sent, and its angle.
 
-    def __init__(self) -> None:
+    ``periods_per_sample``  sensor period over control period
+
+    ``count``  how many were sent, and ``plans``, how many of them were plans
+    """
+
+    def __init__(self, limits: SteerLimits, periods_per_sample: float) -> None:
+        self._limits, self._periods_per_sample = limits, periods_per_sample
+        self._commands, self._plans = Sender(SteeringCommand), Sender(SteeringPlan)
         self._sent_ns = [0] * IN_FLIGHT_MAX
         self._steer_rad = [0.0] * IN_FLIGHT_MAX
         self._is_echoed = [False] * IN_FLIGHT_MAX
-        self.count = 0
+        self.count = self.plans = 0
 
     def on_sent(self, now_ns: int, steer_rad: float = 0.0) -> int:
         """Store when a command is sent, and its angle unless it is a plan; returns its counter."""
@@ -64,24 +71,9 @@ class SentCommands:
         self._is_echoed[index] = True
         return self._sent_ns[index], self._steer_rad[index], is_first
 
-
-class CommandFrames:
-    """Makes the frames, and stores in ``sent`` when each was sent.
-
-    ``periods_per_sample``  sensor period over control period
-
-    ``plans``  how many of the frames were plans
-    """
-
-    def __init__(self, limits: SteerLimits, periods_per_sample: float) -> None:
-        self._limits, self._periods_per_sample = limits, periods_per_sample
-        self._commands, self._plans = Sender(SteeringCommand), Sender(SteeringPlan)
-        self.sent = SentCommands()
-        self.plans = 0
-
     def command(self, steer_rad: float, mode: Mode, now_ns: int) -> Frame:
         """Return the frame of a command."""
-        number = self.sent.on_sent(now_ns, steer_rad)
+        number = self.on_sent(now_ns, steer_rad)
         return self._commands.frame(
             _command(steer_rad=steer_rad, command_counter=number, mode=mode)
         )
@@ -103,6 +95,6 @@ class CommandFrames:
         self.plans += 1
         commands, plans = self._commands, self._plans
         plans.counter = commands.counter  # one sequence, since each takes the other's place
-        frame = plans.frame(plan_message(row, self.sent.on_sent(now_ns), mode))
+        frame = plans.frame(plan_message(row, self.on_sent(now_ns), mode))
         commands.counter = plans.counter
         return frame

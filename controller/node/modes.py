@@ -137,16 +137,14 @@ TRANSITIONS: Mapping[Mode, tuple[tuple[Guard, Mode], ...]] = {
 
 
 def mode_step(p: Supervision, x: ModeState, evidence: Evidence, now_ns: int) -> ModeState:
-    """Take at most one transition of the table; returns the state that holds from ``now_ns`` on."""
+    """Take at most one transition of the table; returns the state that holds from ``now_ns`` on.
+
+    A hold begins without good measurements.
+    """
     for guard, following in TRANSITIONS[x.mode]:
         if guard(p, x, evidence, now_ns):
-            return entered_mode(x, following, now_ns)
+            return ModeState(following, now_ns, 0 if following is Mode.HOLDING else x.good_run)
     return x
-
-
-def entered_mode(x: ModeState, mode: Mode, now_ns: int) -> ModeState:
-    """Return the state after a transition; a hold begins without good measurements."""
-    return ModeState(mode, now_ns, 0 if mode is Mode.HOLDING else x.good_run)
 
 
 def measured_run(p: Supervision, good_run: int, before_ns: int | None, now_ns: int) -> int:

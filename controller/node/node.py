@@ -275,7 +275,7 @@ class ControllerNode:
             "contradiction": self._plausibility.contradiction,
             "model": self._model,
             "believed": None if belief is None else belief._asdict(),
-            "commands_sent": self._commands.sent.count,
+            "commands_sent": self._commands.count,
             "plans_sent": self._commands.plans,
             "peak_steer_rad": self._figures.peak_steer_rad,
             "law_failures": law.failures,
@@ -306,7 +306,7 @@ class ControllerNode:
         self._command_rad = self._aim_rad = status.wheel_angle_rad
         if code is _NO_COMMAND:
             return
-        echo = self._commands.sent.on_echo(status.applied_counter)
+        echo = self._commands.on_echo(status.applied_counter)
         if echo is not None:
             sent_ns, command_rad, is_first = echo
             if code is _APPLYING:

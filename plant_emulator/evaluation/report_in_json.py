@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ...dbc.reception import Reception
 from ...runtime.node.statistics import durations_report
 from ..network.latency_line import LatencyLine
 from .run_record import RunningFigures
@@ -61,17 +60,6 @@ def motion_report(
 
 def _known(value: float) -> float | None:
     return None if math.isnan(value) else value
-
-
-def reception_report(reception: Reception) -> Mapping[str, Any]:
-    """Return how many received frames were accepted, and by cause how many were refused."""
-    return {
-        "accepted": reception.accepted,
-        "lost_on_the_bus": reception.lost,
-        "rejected": reception.rejected,
-        "resynchronised": reception.resynchronised,
-        "second_senders": reception.second_senders,
-    }
 
 
 def line_report(line: LatencyLine[Any]) -> Mapping[str, Any]:

@@ -15,15 +15,15 @@ from ...dbc.bus_language import BusLanguage
 from ...dbc.codec.layout import MessageLayout
 from ...dbc.codec.protection import COUNTERS, protect
 from ...dbc.contract.generated_layout import LAYOUTS
-from ...dbc.messages import CAN_IDS, DATA_IDS, Decoded, decode, encode, limits
+from ...dbc.messages import CAN_IDS, DATA_IDS, MESSAGE_TYPES, Decoded, decode, encode, limits
 from ...runtime.frame import Frame
 from .settings import (
+    ALL,
     MESSAGES_OF,
     NAMES,
     OUR_NAMES,
     FaultSettings,
     fields_of,
-    message_types_of,
 )
 
 if TYPE_CHECKING:
@@ -84,7 +84,10 @@ class OurMessages:
 
     def ids(self, fault: FaultSettings) -> frozenset[int]:
         """Return the identifiers that a fault acts on."""
-        return frozenset(CAN_IDS[message_type] for message_type in message_types_of(fault))
+        kinds = MESSAGES_OF[fault.direction]
+        if fault.message != ALL:
+            kinds = (MESSAGE_TYPES[fault.message],)
+        return frozenset(CAN_IDS[kind] for kind in kinds)
 
     def starts(self, frame: Frame, now_ns: int) -> bool:  # noqa: ARG002 a car's depends on time
         """Return whether a frame is a command or a plan."""

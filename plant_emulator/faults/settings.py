@@ -248,13 +248,6 @@ def fields_of(message_type: type[Message], signal: str) -> tuple[str, ...]:
     return (signal,) if signal in message_type.__annotations__ else ()
 
 
-def message_types_of(fault: FaultSettings) -> tuple[type[Message], ...]:
-    """Return the messages that a fault acts on."""
-    if fault.message == ALL:
-        return MESSAGES_OF[fault.direction]
-    return (MESSAGE_TYPES[fault.message],)
-
-
 NAMES = "fault_names"
 """Key of the names on the bus, in the context of validation; without it they are ours."""
 OUR_NAMES = Names(

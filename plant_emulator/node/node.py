@@ -57,7 +57,7 @@ from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision, overrun_rule
 from ...runtime.node.periodic import PeriodicTimer
-from ..evaluation.report_in_json import line_report, motion_report, reception_report
+from ..evaluation.report_in_json import line_report, motion_report
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
 from ..network.network import Network
 from ..path.corridor import corridor_of
@@ -335,6 +335,7 @@ class PlantNode:
         ``warnings``              settings that had no effect (``settings_without_effect``)
         """
         settings, clamped = self._settings, self._sampling.frames.clamped
+        reception = self._reception
         return {
             "seed": settings.seed,
             "failure": self._failure,
@@ -347,7 +348,11 @@ class PlantNode:
             ),
             "downlink": line_report(self._network.downlink),
             "uplink": line_report(self._network.uplink),
-            **reception_report(self._reception),
+            "accepted": reception.accepted,
+            "lost_on_the_bus": reception.lost,
+            "rejected": reception.rejected,
+            "resynchronised": reception.resynchronised,
+            "second_senders": reception.second_senders,
             "skipped_samples": self._sensor_timer.skipped,
             "not_available": self._sampling.frames.not_available,
             "clamped": clamped + self._statuses.clamped,

@@ -8,7 +8,8 @@ import pytest
 
 from steer_by_wire.controller.law_interface import LawInput, LawOutput
 from steer_by_wire.controller.laws.law_from_settings import LawDesign
-from steer_by_wire.controller.node.command_frames import IN_FLIGHT_MAX, SentCommands
+from steer_by_wire.controller.limits.steer_limits import SteerLimits
+from steer_by_wire.controller.node.command_frames import IN_FLIGHT_MAX, CommandFrames
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.node.status_frames import STATUS_PERIOD_NS
 from steer_by_wire.controller.settings import controller_preset
@@ -279,7 +280,7 @@ def test_the_round_trip_is_from_sending_to_the_first_echo() -> None:
 
 
 def test_what_was_never_sent_or_long_ago_has_no_echo() -> None:
-    commands = SentCommands()
+    commands = CommandFrames(SteerLimits(0.6, 0.02), 1.0)
     assert commands.on_echo(0) is None
     for counter in range(IN_FLIGHT_MAX + 1):
         assert commands.on_sent(10 * counter) == counter
