@@ -37,8 +37,8 @@ from tests.fuzz.node_targets import Outgoing, outgoing_of_controller, outgoing_o
 from tests.fuzz.traffic import noise_of, number_of, text_of
 from tests.support.frames.made_messages import command_of, error_of
 
-ENTRIES_MAX = 6
-"""Settings that one input changes."""
+ENTRIES = (0, 0, 0, 1, 1, 6)
+"""How many settings a file, or a command line, changes: with many, one is refused."""
 MOTION_NS = 300 * NS_PER_MS
 STEP_NS = 10 * NS_PER_MS
 _EXPONENT_MAX = 40
@@ -63,7 +63,7 @@ def fuzz_settings(rng: Random) -> None:
     overrides = _entries(rng, leaves, "=")
     with TemporaryDirectory() as folder:
         file = Path(folder) / "fuzzed.toml"
-        if rng.random() < 0.4:
+        if rng.random() < 0.1:
             file.write_bytes(noise_of(rng))
         else:
             text = "\n".join(_entries(rng, leaves, " = "))
@@ -152,7 +152,7 @@ def _leaves(root: Mapping[str, Any], schema: Mapping[str, Any], prefix: str) -> 
 
 def _entries(rng: Random, leaves: Sequence[str], equals: str) -> list[str]:
     entries = []
-    for _ in range(rng.randint(0, ENTRIES_MAX)):
+    for _ in range(rng.choice(ENTRIES)):
         key = text_of(rng, 12) if rng.random() < 0.06 else rng.choice(leaves)
         entries.append(f"{key}{equals}{toml_value(rng)}")
     return entries
@@ -187,13 +187,16 @@ _WORDS = (
 
 
 def _table(rng: Random, header: str) -> bytes:
+    """Return rows of ordinary numbers, in which some, or all, are odd ones, or noise."""
     if rng.random() < 0.2:
         return noise_of(rng)
-    columns = header.count(",") + 1
-    lines = [header]
-    for _ in range(rng.randint(0, 40)):
-        cells = [f"{number_of(rng):.17g}" for _ in range(columns)]
-        lines.append(",".join(cells) if rng.random() >= 0.03 else text_of(rng))
+    columns, odd, lines = header.count(",") + 1, rng.choice((0.0, 0.02, 1.0)), [header]
+    for row in range(rng.randint(0, 12)):
+        ordinary = [float(row), rng.uniform(0.0, 0.02)][-columns:]
+        cells = [number_of(rng) if rng.random() < odd else it for it in ordinary]
+        lines.append(",".join(f"{cell:.17g}" for cell in cells))
+    if rng.random() < 0.1:
+        lines.append(text_of(rng))
     return "\n".join(lines).encode("utf-8", errors="surrogateescape")
 
 

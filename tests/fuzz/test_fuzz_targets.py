@@ -21,11 +21,11 @@ EXAMPLES = {
     fuzz_log: 30,
     fuzz_plant: 25,
     fuzz_hand_wheel: 25,
-    fuzz_settings: 30,
+    fuzz_settings: 60,
     fuzz_trace: 15,
-    fuzz_waypoints: 10,
+    fuzz_waypoints: 3,
 }
-"""How many of each, so that all together take seconds."""
+"""How many of each, so that all together take seconds: a path through points takes two."""
 NEEDS_POSIX = {fuzz_broker, fuzz_bus_client, fuzz_command_line, fuzz_damaged_file}
 
 

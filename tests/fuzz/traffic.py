@@ -24,9 +24,11 @@ TELLING_NUMBERS = (
 
 def number_of(rng: Random) -> float:
     """Return any float: a critical one, a short one, or eight bytes of IEEE 754."""
-    kind = rng.randint(0, 3)
+    kind = rng.randint(0, 4)
     if kind == 0:
         return rng.choice(TELLING_NUMBERS)
+    if kind == 4:
+        return rng.uniform(0.0, 2.0)
     if kind == 1:
         return float(rng.randint(-1000, 1000))
     if kind == 2:
