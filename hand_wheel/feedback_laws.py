@@ -118,6 +118,18 @@ FEEDBACK_LAWS: Mapping[str, FeedbackLaw] = MappingProxyType(
 )
 
 
+_RACK_FORCE, _SPRING, _MODEL, _ = range(len(FEEDBACK_LAWS))
+
+
+def feedback_step(law: int, p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
+    """Advance the law at this place of FEEDBACK_LAWS."""
+    if law == _RACK_FORCE:
+        return rack_force_step(p, x, u)
+    if law == _SPRING:
+        return spring_step(p, x, u)
+    return model_step(p, x, u) if law == _MODEL else cdob_step(p, x, u)
+
+
 def resist(p: FeedbackParams, x: FeedbackState, against_n_m: float, rate_rad_s: float) -> Stepped:
     """Return the torque to the left of a law's, with damping, friction and passivity controller."""
     slip = min(max(rate_rad_s / p.friction_rad_s, -1.0), 1.0)

@@ -41,8 +41,9 @@ from ..runtime.node import NS_PER_S, View
 from ..runtime.node.overruns import OverrunSupervision, overrun_rule
 from ..runtime.node.periodic import PeriodicTimer
 from ..runtime.node.statistics import DurationStatistics, durations_report
-from .driver import DRIVER_AT_REST, HANDS_OFF, ReactionTime, Sight, driver_step, kicks_n_m
-from .feedback_laws import FEEDBACK_AT_REST, FEEDBACK_LAWS, FeedbackInput, resist
+from .cycle import CYCLE_AT_REST, CycleInput, cycle_step
+from .driver import HANDS_OFF, ReactionTime, Sight, kicks_n_m
+from .feedback_laws import FEEDBACK_LAWS, FeedbackInput
 from .modes import FeedbackMode, RoadEvidence, feedback_mode_step, share_step
 from .settings import HandWheelSettings
 from .shaking import WINDOW_S, shaking, shaking_text
@@ -122,11 +123,9 @@ class HandWheelNode:
         self._unauthenticated = 0
         self._wheel_params, self._wheel = settings.wheel_params, AT_REST
         self._law = FEEDBACK_LAWS[settings.feedback.law]
-        self._feedback_params = settings.feedback_params
-        self._feedback = FEEDBACK_AT_REST
-        self._driver_params, self._driver = settings.driver_params, DRIVER_AT_REST
+        self._cycle_params, self._cycle = settings.cycle_params, CYCLE_AT_REST
         self._kicks, self._let_go_ns = settings.kicks, settings.let_go_ns
-        self._late = ReactionTime(self._driver_params.two_point.reaction)
+        self._late = ReactionTime(self._cycle_params.driver.two_point.reaction)
         self._hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
         reads = self._law.reads
         self._road = None if reads is None else self._reception.newest(reads)
@@ -135,7 +134,7 @@ class HandWheelNode:
         self._mode = FeedbackMode(Mode.WAITING, start_ns, 0)
         self._share, self._share_step = 0.0, settings.cycle_ms / settings.supervision.fade_ms
         self._told_n_m = self._ordered_n_m = 0.0
-        self._rack_force_n = self._wheel_rad = self._law_n_m = 0.0
+        self._rack_force_n = self._wheel_rad = 0.0
         self._ratio, self._steered_by = settings.steering_ratio, SteeredBy.DRIVER
         model = settings.nominal_model
         self._sight = Sight(0.0, 0.0, 0.0, model.speed_m_s, model.preview_distance_m)
@@ -286,36 +285,29 @@ class HandWheelNode:
         orders_ns = self._orders.arrival_ns
         if orders_ns is not None and now_ns - orders_ns > _LAW_NS:
             self._steered_by, self._ordered_n_m = SteeredBy.DRIVER, 0.0
-        angle_rad, rate_rad_s, *_ = self._wheel
-        driver_steers = self._steered_by is not SteeredBy.LAW
-        time_ns, seen = due_ns - self._start_ns, (self._late.oldest_rad, self._sight, angle_rad)
-        does = kicks_n_m(self._kicks, time_ns), time_ns < self._let_go_ns, driver_steers
-        self._driver, self._hands = driver_step(self._driver_params, self._driver, *seen, *does)
-        self._late.pass_on(self._driver)
-        self._hands = self._person(now_ns) or self._hands
         first_share = self._share if before.mode is not Mode.WAITING else 1.0
         self._share = share_step(first_share, mode, self._share_step)
         if mode is Mode.WAITING:
             self._share = 0.0
-        damping = self._settings.supervision.fallback_damping_n_m_s
-        local_n_m = -damping * rate_rad_s
-        if mode in (Mode.ACTIVE, Mode.HOLDING) or self._share > 0.0:
-            inputs = FeedbackInput(angle_rad, rate_rad_s, self._rack_force_n, self._wheel_rad)
-            p, step = self._feedback_params, self._law.step
-            self._feedback, against_n_m = step(p, self._feedback, inputs)
-            self._feedback, self._law_n_m = resist(p, self._feedback, against_n_m, rate_rad_s)
-        felt_n_m = self._law_n_m if driver_steers else self._servo_n_m()
-        # The assist of the law needs no road, only a wheel that is sound.
-        assist_n_m = self._ordered_n_m * (self._share if self._failure else 1.0)
-        told_n_m = self._share * felt_n_m + assist_n_m + (1.0 - self._share) * local_n_m
-        self._told_n_m = told_n_m if isfinite(told_n_m) else local_n_m
+        time_ns, wheel = due_ns - self._start_ns, self._wheel
+        observed = (wheel.angle_rad, wheel.rate_rad_s, self._rack_force_n, self._wheel_rad)
+        inputs = CycleInput(
+            self._late.oldest_rad,
+            self._sight,
+            kicks_n_m(self._kicks, time_ns),
+            time_ns < self._let_go_ns,
+            self._steered_by is not SteeredBy.LAW,
+            FeedbackInput(*observed),
+            self._ratio,
+            # The assist of the law needs no road, only a wheel that is sound.
+            self._ordered_n_m * (self._share if self._failure else 1.0),
+            mode in (Mode.ACTIVE, Mode.HOLDING) or self._share > 0.0,
+            self._share,
+        )
+        self._cycle, hands, self._told_n_m = cycle_step(self._cycle_params, self._cycle, inputs)
+        self._late.pass_on(self._cycle.driver)
+        self._hands = self._person(now_ns) or hands
         self.finished = self._failure != "" and self._share == 0.0
-
-    def _servo_n_m(self) -> float:
-        """Return the torque with which the wheel follows the road wheels."""
-        table, wheel = self._settings.feedback, self._wheel
-        lack_rad = self._ratio * self._wheel_rad - wheel.angle_rad
-        return table.servo_n_m * lack_rad - table.servo_n_m_s * wheel.rate_rad_s
 
     def _state_frame(self, now_ns: int) -> Frame:
         wheel = self._wheel

@@ -10,8 +10,9 @@ from ..dbc.codec.counter_rule import CounterRule
 from ..runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import Settings, SharedTable, read_table
+from .cycle import CycleParams
 from .driver import BLIND, DriverParams, Kick, TwoPointParams
-from .feedback_laws import FeedbackParams
+from .feedback_laws import FEEDBACK_LAWS, FeedbackParams
 from .modes import FeedbackSupervision
 from .nominal_road import Rack, RoadVehicle, road_torque
 from .sampled_laws import kept_of, sampled_model
@@ -219,6 +220,14 @@ class HandWheelSettings(Settings):
             kept_of(1.0 / two.neuromuscular_lag_s, cycle_s),
         )  # fmt: skip
         return DriverParams(GRIPS[self.driver.grip], two_point, cycle_s)
+
+    @property
+    def cycle_params(self) -> CycleParams:
+        """Constants of a cycle."""
+        table, damping_n_m_s = self.feedback, self.supervision.fallback_damping_n_m_s
+        servo = table.servo_n_m, table.servo_n_m_s
+        law = [*FEEDBACK_LAWS].index(table.law)
+        return CycleParams(self.driver_params, self.feedback_params, law, *servo, damping_n_m_s)
 
     @property
     def kicks(self) -> tuple[Kick, ...]:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...controller.laws.law_from_settings import design_law
 from ...controller.limits.designed_ranges import NOT_FORWARD_M_S, share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber, Mode
@@ -42,7 +41,7 @@ from ...runtime.settings import SettingsError
 from ...runtime.settings.plugin import Part, PartError, cause
 from .along_path import cg_deviations_m
 from .compilation import compiled_for_process
-from .hand_wheel import Wheel, wheel_of
+from .hand_wheel import Wheel, refuse_hand_wheel, wheel_of
 from .law_code import NOT_COMPILED, CompiledLaw, LawCode, compiled_law, innermost_cause
 from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, quantised
 from .loop import COMPLETE, IS_OVERRULED, LAW_FAILED, SPEED_CHANGED, TAKEN_OVER, run_segment
@@ -82,11 +81,6 @@ _guard = lru_cache(maxsize=256)(design_guard)
 """Kept for the next run with the same plant."""
 
 
-@lru_cache(maxsize=256)
-def _reads_history(controller: ControllerSettings) -> bool:
-    return design_law(controller).reads_history
-
-
 _MOTIONS_KEPT = 32
 """Motions cached for the next run with the same plant: about 2 MB each."""
 
@@ -100,10 +94,6 @@ class FaultsNotCompiledError(SettingsError):
 
 class OwnVehicleNotCompiledError(SettingsError):
     """The vehicle's equations come from another package, and numba has no code for them."""
-
-
-class HandWheelNotCompiledError(SettingsError):
-    """A hand wheel may steer, or its force takes part in the network; only the nodes have these."""
 
 
 class StandingNotCompiledError(SettingsError):
@@ -234,7 +224,7 @@ def run_compiled(
             f"faults: {of_frames} of frames given, but compiled runs have none; leave these out, or"
             " run the nodes: steer-by-wire run"
         )
-    _refuse_hand_wheel(plant, controller, hand_wheel)
+    refuse_hand_wheel(plant, controller, hand_wheel)
     if plant.vehicle.model is not None:
         raise OwnVehicleNotCompiledError(
             f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the plant's own equations"
@@ -258,33 +248,6 @@ def run_compiled(
     except _OverruledError:
         # Few runs need it, and it costs a third of one.
         return _run_whole(*needed, knows_status=True)
-
-
-def _refuse_hand_wheel(
-    plant: PlantSettings, controller: ControllerSettings, hand_wheel: "HandWheelSettings | None"
-) -> None:
-    """Raise HandWheelNotCompiledError for what a run without this hand wheel does not have."""
-    for key, table in (
-        ("plant.hand_wheel", plant.hand_wheel),
-        ("plant.steering_force", plant.steering_force),
-        ("controller.hand_wheel", controller.hand_wheel),
-    ):
-        if hand_wheel is None and table is not None:
-            raise HandWheelNotCompiledError(
-                f"{key}: this compiled run has no hand wheel; leave it out, give one"
-                " (simulate(hand_wheel=)), or run the nodes: steer-by-wire run --hand-wheel still"
-            )
-    if hand_wheel is not None and _reads_history(controller):
-        raise HandWheelNotCompiledError(
-            f"law = {controller.law!r} reads the history of the bus, which compiled runs do not"
-            " have with a hand wheel; run the nodes: steer-by-wire run --hand-wheel"
-        )
-    for way, line in (("downlink", plant.latency.downlink), ("uplink", plant.latency.uplink)):
-        if hand_wheel is not None and line.has_trace:
-            raise HandWheelNotCompiledError(
-                f"plant.latency.{way}: compiled runs have no trace of latencies with a hand wheel;"
-                " leave it out, or run the nodes: steer-by-wire run --hand-wheel"
-            )
 
 
 def _run_whole(

@@ -3,15 +3,14 @@
 A run without one has ``wheel`` None, which costs nothing. Its steps are those of the nodes.
 """
 
-import math
 from collections.abc import Callable
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import types
-from numba.extending import overload
+from numba.extending import overload, register_jitable
 
+from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import ControllerSettings
 from ...controller.who_steers import (
     AssistRule,
@@ -32,26 +31,15 @@ from ...dbc.messages import (
     limits,
     resolutions,
 )
-from ...hand_wheel.driver import (
-    DRIVER_AT_REST,
-    HANDS_OFF,
-    DriverParams,
-    DriverState,
-    Sight,
-    driver_step,
+from ...hand_wheel.cycle import (
+    CYCLE_AT_REST,
+    CycleInput,
+    CycleParams,
+    CycleState,
+    cycle_step,
 )
-from ...hand_wheel.feedback_laws import (
-    FEEDBACK_AT_REST,
-    FEEDBACK_LAWS,
-    FeedbackInput,
-    FeedbackParams,
-    FeedbackState,
-    cdob_step,
-    model_step,
-    rack_force_step,
-    resist,
-    spring_step,
-)
+from ...hand_wheel.driver import HANDS_OFF, Sight
+from ...hand_wheel.feedback_laws import FEEDBACK_LAWS, FeedbackInput
 from ...hand_wheel.wheel_step import AT_REST, Hands, WheelParams, WheelState, wheel_step
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.control_unit import status_of
@@ -74,7 +62,7 @@ from .law_input import (
     wheel_on_wire_rad,
 )
 from .loop_records import CURVATURE, HEADING, MEASURED, SPEED, WHEEL
-from .step_functions import register
+from .step_functions import chosen_by_type, register
 
 if TYPE_CHECKING:
     from ...hand_wheel.settings import HandWheelSettings
@@ -83,8 +71,7 @@ _ARRIVAL, _FORCE, _ANSWER, _CYCLE, _STATE = map(int, Event)
 _LAW, _BOTH = int(SteeredBy.LAW), int(SteeredBy.BOTH)
 _ACTIVE, _HOLDING = int(Mode.ACTIVE), int(Mode.HOLDING)
 _APPLYING = int(SteeringStatusCode.APPLYING)
-_LAWS = tuple(FEEDBACK_LAWS)
-_RACK_FORCE, _SPRING, _MODEL = (_LAWS.index(name) for name in ("rack_force", "spring", "model"))
+_MODEL = [*FEEDBACK_LAWS].index("model")
 _SILENCE_NS, _NEVER_NS = SILENCE_NS, NEVER_NS
 _ANGLE_RAD, _RATE_RAD_S, _TORQUE_N_M = (
     resolutions(HandWheelState)[name]
@@ -104,7 +91,6 @@ class Wheel(NamedTuple):
     """A hand wheel: its constants, its events, and what the run writes.
 
     ``ratio``        as HAND_WHEEL_FEEDBACK carries it; ``first_ratio``: before that
-    ``force_n_n``    force on the rack per lateral force of the front axle
     ``force_n``      of each reading, as on the wire
     ``*_wire``       of each cycle, as HAND_WHEEL_STATE carries it
     ``by_sight_rad`` wish of each cycle behind the one before the first
@@ -115,12 +101,10 @@ class Wheel(NamedTuple):
 
     events: WheelEvents
     params: WheelParams
-    driver: DriverParams
-    feedback: FeedbackParams
+    cycle: CycleParams
     rule: SteeringRule
     assist: AssistRule
     vehicle: VehicleParams
-    law: int
     steps: int
     cycle_ns: int
     let_go_ns: int
@@ -128,9 +112,6 @@ class Wheel(NamedTuple):
     first_ratio: float
     preview_m: float
     speed_m_s: float
-    servo_n_m: float
-    servo_n_m_s: float
-    fallback_damping_n_m_s: float
     trail_m: float
     arm_m: float
     force_n: FloatArray
@@ -149,38 +130,80 @@ class WheelProgress(NamedTuple):
 
     ``event``        the next one
     ``rested``       entry of ``by_sight_rad`` since which the driver has not rested
-    ``law_until_ns`` until when the plant takes the law for the one who steers
     """
 
     event: int
     wheel: WheelState
-    driver: DriverState
+    cycle: CycleState
     rested: int
-    feedback: FeedbackState
     hands: Hands
     told_n_m: float
-    law_n_m: float
+    plant: "PlantHeard"
+    who: "WhoSteers"
+
+
+class PlantHeard(NamedTuple):
+    """Until when the plant takes the law for the one who steers, and the steering ratio."""
+
     law_until_ns: int
     ratio: float
+
+
+class WhoSteers(NamedTuple):
+    """Who steers, and the share of the law's assist."""
+
     steering: Steering
     share: float
 
 
 @lru_cache(maxsize=256)
-def _designed(settings: "HandWheelSettings") -> tuple[WheelParams, DriverParams, FeedbackParams]:
-    return settings.wheel_params, settings.driver_params, settings.feedback_params
+def _designed(settings: "HandWheelSettings") -> tuple[WheelParams, CycleParams]:
+    return settings.wheel_params, settings.cycle_params
 
 
 @cache
 def _register_steps() -> None:
-    motions = [
-        part for each in MOTIONS.values() for part in (each.front_lateral_n, each.is_limited)
-    ]
-    laws = [law.step for law in FEEDBACK_LAWS.values()]
-    around = (driver_step, wheel_step, resist, steering_step, assist_step)
-    steps: list[Callable[..., Any]] = [*around, *laws, *motions, _cycle, _law_step, _on_wire]
+    steps: list[Callable[..., Any]] = [cycle_step, wheel_step, steering_step, assist_step]
+    for motion in MOTIONS.values():
+        steps += [motion.front_lateral_n, motion.is_limited]
     for function in steps:
         register(function)
+
+
+class HandWheelNotCompiledError(SettingsError):
+    """A hand wheel may steer, or its force takes part in the network; only the nodes have these."""
+
+
+@lru_cache(maxsize=256)
+def _reads_history(controller: ControllerSettings) -> bool:
+    return design_law(controller).reads_history
+
+
+def refuse_hand_wheel(
+    plant: PlantSettings, controller: ControllerSettings, hand_wheel: "HandWheelSettings | None"
+) -> None:
+    """Raise HandWheelNotCompiledError for what a run without this hand wheel does not have."""
+    for key, table in (
+        ("plant.hand_wheel", plant.hand_wheel),
+        ("plant.steering_force", plant.steering_force),
+        ("controller.hand_wheel", controller.hand_wheel),
+    ):
+        if hand_wheel is None and table is not None:
+            raise HandWheelNotCompiledError(
+                f"{key}: this compiled run has no hand wheel; leave it out, give one"
+                " (simulate(hand_wheel=)), or run the nodes: steer-by-wire run --hand-wheel still"
+            )
+    if hand_wheel is not None and _reads_history(controller):
+        raise HandWheelNotCompiledError(
+            f"law = {controller.law!r} reads the history of the bus, which compiled runs do not"
+            " have with a hand wheel; run the nodes: steer-by-wire run --hand-wheel"
+        )
+    for way, line in (("downlink", plant.latency.downlink), ("uplink", plant.latency.uplink)):
+        if hand_wheel is not None and line.has_trace:
+            raise HandWheelNotCompiledError(
+                f"plant.latency.{way}: compiled runs have no trace of latencies with a hand wheel;"
+                " leave it out, or run the nodes: steer-by-wire run --hand-wheel"
+            )
 
 
 def wheel_of(
@@ -196,14 +219,13 @@ def wheel_of(
             "hand_wheel: needs plant.steering_force, plant.hand_wheel and controller.hand_wheel"
         )
     _register_steps()
-    table, model, cycles = settings.feedback, settings.nominal_model, len(events.mode)
+    model, cycles = settings.nominal_model, len(events.mode)
     return Wheel(
         events,
         *_designed(settings),
         steering_rule(driver),
         assist_rule(driver, controller.period_s),
         vehicle_params(plant.vehicle),
-        law=_LAWS.index(table.law),
         steps=settings.steps,
         cycle_ns=settings.cycle_ns,
         let_go_ns=settings.let_go_ns,
@@ -211,9 +233,6 @@ def wheel_of(
         first_ratio=link.steering_ratio,
         preview_m=model.preview_distance_m,
         speed_m_s=model.speed_m_s,
-        servo_n_m=table.servo_n_m,
-        servo_n_m_s=table.servo_n_m_s,
-        fallback_damping_n_m_s=settings.supervision.fallback_damping_n_m_s,
         trail_m=force.trail_m,
         arm_m=force.arm_m,
         force_n=np.zeros(int(np.count_nonzero(events.kind == Event.FORCE))),
@@ -228,35 +247,27 @@ def wheel_of(
     )
 
 
-def _choosing(with_wheel: Any, without: Any) -> Any:
-    """Return a function for compiled code: ``with_wheel``, or ``without`` one."""
-
-    def chosen(*_: Any) -> Any:
-        raise NotImplementedError("for compiled code")
-
-    def of_type(wheel: Any, *_: Any) -> Any:
-        return without if isinstance(wheel, types.NoneType) else with_wheel
-
-    overload(chosen, strict=False, jit_options=INLINE)(of_type)
-    return chosen
-
-
 def _start(w: Wheel) -> WheelProgress:
     hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
-    drives, steers = (DRIVER_AT_REST, 0, FEEDBACK_AT_REST), Steering(_LAW, 0)
-    return WheelProgress(
-        0, AT_REST, drives[0], drives[1], drives[2], hands, 0.0, 0.0, 0, w.first_ratio, steers, 0.0
-    )
+    heard, who = PlantHeard(0, w.first_ratio), WhoSteers(Steering(_LAW, 0), 0.0)
+    return WheelProgress(0, AT_REST, CYCLE_AT_REST, 0, hands, 0.0, heard, who)
 
 
-def _next_ns(w: Wheel, x: WheelProgress, ticks_done: int, to_ns: int) -> int:
+start_wheel = chosen_by_type({Wheel: _start, None: lambda _: None}.get)
+"""(wheel): returns its state at the start."""
+
+
+@register_jitable(**INLINE)
+def next_ns(w: Wheel, x: WheelProgress, ticks_done: int, to_ns: int) -> int:
+    """Return when its next event is; for none up to ``to_ns``, later."""
     e, at = w.events, x.event
     if at < len(e.ns) and e.ns[at] <= to_ns and e.ticks[at] <= ticks_done:
         return int(e.ns[at])
     return to_ns + 1
 
 
-def _is_turn(w: Wheel, x: WheelProgress, ns: int, command: int, times: tuple[int, int]) -> bool:
+@register_jitable(**INLINE)
+def is_turn(w: Wheel, x: WheelProgress, ns: int, command: int, times: tuple[int, int]) -> bool:
     """Whether an event at ``ns`` comes before the next command, and before all else."""
     command_ns, other_ns = times
     e, at = w.events, x.event
@@ -265,41 +276,65 @@ def _is_turn(w: Wheel, x: WheelProgress, ns: int, command: int, times: tuple[int
     return ns <= other_ns and (ns < command_ns or (ns == command_ns and command >= e.commands[at]))
 
 
-def _is_steering(w: Wheel, x: WheelProgress, now_ns: int) -> bool:
+@register_jitable(**INLINE)
+def is_steering(w: Wheel, x: WheelProgress, now_ns: int) -> bool:
     """Whether the event is an angle of the hand wheel that acts."""
     kind = w.events.kind[x.event]
     is_state = kind == _STATE or (kind == _ARRIVAL and w.events.is_state[x.event] != 0)
-    return is_state and now_ns >= x.law_until_ns
+    return is_state and driver_steers(x, now_ns)
 
 
-def _wanted_rad(w: Wheel, x: WheelProgress) -> float:
-    return float(w.angle_wire[w.events.number[x.event]] / x.ratio)
+@register_jitable(**INLINE)
+def wanted_rad(w: Wheel, x: WheelProgress) -> float:
+    """Return that angle, as one of the road wheels."""
+    return float(w.angle_wire[w.events.number[x.event]] / x.plant.ratio)
 
 
-def _event(w: Wheel, r: Any, x: WheelProgress, now_ns: int) -> WheelProgress:
-    """Let an event happen that does not move the vehicle; the next one follows."""
+@register_jitable(**INLINE)
+def driver_steers(x: WheelProgress, now_ns: int) -> bool:
+    """Whether the plant takes commands for an echo alone."""
+    return now_ns >= x.plant.law_until_ns
+
+
+@register_jitable(**INLINE)
+def is_drivers(x: WheelProgress, p: Any, z: Any, guard: Any, now_ns: int) -> bool:
+    """Whether STEERING_STATUS says DRIVER_STEERS."""
+    return driver_steers(x, now_ns) and status_of(guard, _is_limited(p, z)) == _APPLYING
+
+
+@register_jitable(**INLINE)
+def reads_force(w: Wheel, x: WheelProgress) -> bool:
+    """Whether the event is a reading of the force on the rack."""
+    return bool(w.events.kind[x.event] == _FORCE)
+
+
+@register_jitable(**INLINE)
+def read_force(w: Wheel, x: WheelProgress, p: Any, z: Any) -> None:
+    """Keep that force, as STEERING_FORCE carries it."""
+    force_n = _rack_force_n(p, z, w.vehicle, w.trail_m, w.arm_m)
+    w.force_n[w.events.number[x.event]] = _on_wire(force_n, _FORCE_N_MAX, _FORCE_N)
+
+
+@register_jitable(**INLINE)
+def after_event(w: Wheel, r: Any, x: WheelProgress, now_ns: int) -> WheelProgress:
+    """Return the state after an event, which is then the next one's."""
     e, at = w.events, x.event
-    kind, index = e.kind[at], e.number[at]
-    law_until_ns, ratio = x.law_until_ns, x.ratio
+    kind, number, heard = e.kind[at], e.number[at], x.plant
     if kind == _CYCLE:
-        return _cycle(w, r, x, index)
+        return _run_cycle(w, r, x, number)
     if kind == _ANSWER or (kind == _ARRIVAL and e.is_state[at] == 0):
-        law_until_ns = now_ns + _SILENCE_NS if w.steered_by[index] == _LAW else 0
-        ratio = w.ratio
-    return WheelProgress(
-        at + 1, x.wheel, x.driver, x.rested, x.feedback, x.hands, x.told_n_m, x.law_n_m,
-        law_until_ns, ratio, x.steering, x.share,
-    )  # fmt: skip
+        heard = PlantHeard(now_ns + _SILENCE_NS if w.steered_by[number] == _LAW else 0, w.ratio)
+    return WheelProgress(at + 1, x.wheel, x.cycle, x.rested, x.hands, x.told_n_m, heard, x.who)
 
 
-def _cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
+@register_jitable(**INLINE)
+def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
     """Run a cycle of the hand wheel, as ``HandWheelNode.on_tick``."""
     e, wheel = w.events, x.wheel
     if cycle > 0:
         for _ in range(w.steps):
             wheel = wheel_step(w.params, wheel, x.told_n_m, x.hands)
-    angle_rad, rate_rad_s, motor_n_m, driver_n_m, _, _ = wheel
-    steered_by = w.steered_by[e.cycle_tick[cycle]]
+    tick = e.cycle_tick[cycle]
     error_m = heading_rad = curvature_1_m = road_wheel_rad = force_n = 0.0
     speed_m_s, sample = w.speed_m_s, e.error_sample[cycle]
     if sample >= 0:
@@ -314,56 +349,39 @@ def _cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
         road_wheel_rad = wheel_on_wire_rad(r.samples[WHEEL, sample])
     if e.force_sample[cycle] >= 0:
         force_n = w.force_n[e.force_sample[cycle]]
-    sight = Sight(error_m, heading_rad, curvature_1_m, speed_m_s, w.preview_m)
-    late_rad = w.by_sight_rad[max(cycle + 1 - max(w.driver.two_point.reaction, 1), x.rested)]
-    holds, drives = cycle * w.cycle_ns < w.let_go_ns, steered_by != _LAW
-    driver, hands = driver_step(
-        w.driver, x.driver, late_rad, sight, angle_rad, e.kick_n_m[cycle], holds, drives
+    reaction, share, mode = max(w.cycle.driver.two_point.reaction, 1), e.share[cycle], e.mode[cycle]
+    known = CycleInput(
+        w.by_sight_rad[max(cycle + 1 - reaction, x.rested)],
+        Sight(error_m, heading_rad, curvature_1_m, speed_m_s, w.preview_m),
+        e.kick_n_m[cycle],
+        cycle * w.cycle_ns < w.let_go_ns,
+        w.steered_by[tick] != _LAW,
+        FeedbackInput(wheel.angle_rad, wheel.rate_rad_s, force_n, road_wheel_rad),
+        w.ratio,
+        w.order_n_m[tick],
+        mode in (_ACTIVE, _HOLDING) or share > 0.0,
+        share,
     )
-    w.by_sight_rad[cycle + 1] = driver.by_sight_rad
-    share, mode = e.share[cycle], e.mode[cycle]
-    feedback, law_n_m = x.feedback, x.law_n_m
-    if mode in (_ACTIVE, _HOLDING) or share > 0.0:
-        observed = FeedbackInput(angle_rad, rate_rad_s, force_n, road_wheel_rad)
-        feedback, against_n_m = _law_step(w, feedback, observed)
-        feedback, law_n_m = resist(w.feedback, feedback, against_n_m, rate_rad_s)
-    felt_n_m = law_n_m
-    if not drives:
-        lack_rad = w.ratio * road_wheel_rad - angle_rad
-        felt_n_m = w.servo_n_m * lack_rad - w.servo_n_m_s * rate_rad_s
-    local_n_m = -w.fallback_damping_n_m_s * rate_rad_s
-    order_n_m = w.order_n_m[e.cycle_tick[cycle]]
-    told_n_m = share * felt_n_m + order_n_m + (1.0 - share) * local_n_m
-    if not math.isfinite(told_n_m):
-        told_n_m = local_n_m
-    w.angle_wire[cycle] = _on_wire(angle_rad, _ANGLE_RAD_MAX, _ANGLE_RAD)
-    w.rate_wire[cycle] = _on_wire(rate_rad_s, _RATE_RAD_S_MAX, _RATE_RAD_S)
-    w.torque_wire[cycle] = _on_wire(driver_n_m, _TORQUE_N_M_MAX, _TORQUE_N_M)
-    if w.law != _MODEL:
+    state, hands, told_n_m = cycle_step(w.cycle, x.cycle, known)
+    w.by_sight_rad[cycle + 1] = state.driver.by_sight_rad
+    w.angle_wire[cycle] = _on_wire(wheel.angle_rad, _ANGLE_RAD_MAX, _ANGLE_RAD)
+    w.rate_wire[cycle] = _on_wire(wheel.rate_rad_s, _RATE_RAD_S_MAX, _RATE_RAD_S)
+    w.torque_wire[cycle] = _on_wire(wheel.driver_torque_n_m, _TORQUE_N_M_MAX, _TORQUE_N_M)
+    if w.cycle.law != _MODEL:
         w.heard_n[cycle] = force_n
-    w.samples[0, cycle], w.samples[1, cycle] = angle_rad, rate_rad_s
-    w.samples[2, cycle], w.samples[3, cycle] = driver_n_m, motor_n_m
-    return WheelProgress(
-        x.event + 1, wheel, driver, cycle + 1 if driver.rests else x.rested, feedback, hands,
-        told_n_m, law_n_m, x.law_until_ns, x.ratio, x.steering, x.share,
-    )  # fmt: skip
+    w.samples[0, cycle], w.samples[1, cycle] = wheel.angle_rad, wheel.rate_rad_s
+    w.samples[2, cycle], w.samples[3, cycle] = wheel.driver_torque_n_m, wheel.motor_n_m
+    rested = cycle + 1 if state.driver.rests else x.rested
+    return WheelProgress(x.event + 1, wheel, state, rested, hands, told_n_m, x.plant, x.who)
 
 
-def _law_step(w: Wheel, x: FeedbackState, u: FeedbackInput) -> tuple[FeedbackState, float]:
-    if w.law == _RACK_FORCE:
-        return rack_force_step(w.feedback, x, u)
-    if w.law == _SPRING:
-        return spring_step(w.feedback, x, u)
-    if w.law == _MODEL:
-        return model_step(w.feedback, x, u)
-    return cdob_step(w.feedback, x, u)
-
-
+@register_jitable(**INLINE)
 def _on_wire(value: float, most: float, resolution: float) -> float:
     return quantised(min(max(value, -most), most), resolution)
 
 
-def _decide(
+@register_jitable(**INLINE)
+def decide(
     w: Wheel, r: Any, x: WheelProgress, tick: int, now_ns: int, law: tuple[float, float, bool]
 ) -> tuple[WheelProgress, float, bool]:
     """Decide who steers, as the controller; returns the command and whether the law takes over.
@@ -371,38 +389,32 @@ def _decide(
     ``law``  its command, the command before, and whether it can steer
     """
     wanted_rad, sent_rad, can_steer = law
-    e, cycle = w.events, w.events.tick_cycle[tick]
-    torque_n_m = angle_rad = rate_rad_s = 0.0
-    age_ns = _NEVER_NS
+    cycle, before = w.events.tick_cycle[tick], x.who.steering
+    torque_n_m, angle_rad, rate_rad_s, age_ns = 0.0, 0.0, 0.0, _NEVER_NS
     if cycle >= 0:
-        torque_n_m, angle_rad, rate_rad_s = (
-            w.torque_wire[cycle], w.angle_wire[cycle], w.rate_wire[cycle],
-        )  # fmt: skip
-        age_ns = now_ns - cycle * w.cycle_ns
-    before = x.steering.steered_by
-    steering = steering_step(w.rule, x.steering, torque_n_m, age_ns, now_ns, can_steer)
+        torque_n_m, angle_rad = w.torque_wire[cycle], w.angle_wire[cycle]
+        rate_rad_s, age_ns = w.rate_wire[cycle], now_ns - cycle * w.cycle_ns
+    steering = steering_step(w.rule, before, torque_n_m, age_ns, now_ns, can_steer)
     both = steering.steered_by == _BOTH
-    share, order_n_m = assist_step(w.assist, x.share, both, wanted_rad, angle_rad, rate_rad_s)
+    share, order_n_m = assist_step(w.assist, x.who.share, both, wanted_rad, angle_rad, rate_rad_s)
     w.steered_by[tick], w.order_n_m[tick] = steering.steered_by, quantised(order_n_m, _ORDER_N_M)
-    takes_over = before != _LAW and steering.steered_by == _LAW and can_steer
+    takes_over = before.steered_by != _LAW and steering.steered_by == _LAW and can_steer
     if steering.steered_by != _LAW:
-        sample = e.tick_wheel[tick]
+        sample = w.events.tick_wheel[tick]
         wanted_rad = wheel_on_wire_rad(r.samples[WHEEL, sample]) if sample >= 0 else 0.0
     elif takes_over:
         wanted_rad = sent_rad
-    after = WheelProgress(
-        x.event, x.wheel, x.driver, x.rested, x.feedback, x.hands, x.told_n_m, x.law_n_m,
-        x.law_until_ns, x.ratio, steering, share,
-    )  # fmt: skip
+    who, wheel = WhoSteers(steering, share), x.wheel
+    after = WheelProgress(x.event, wheel, x.cycle, x.rested, x.hands, x.told_n_m, x.plant, who)
     return after, wanted_rad, takes_over
 
 
-def rack_force_n(*_: Any) -> Any:
+def _rack_force_n(*_: Any) -> Any:
     """Return the force on the rack, for compiled code."""
     raise NotImplementedError("for compiled code")
 
 
-@overload(rack_force_n, strict=False, jit_options=INLINE)
+@overload(_rack_force_n, strict=False, jit_options=INLINE)
 def _rack_force_of(params: Any, z: Any, vehicle: Any, trail_m: Any, arm_m: Any) -> Any:  # noqa: ARG001
     kind = params.instance_class
     front_n = MOTIONS[kind].front_lateral_n
@@ -421,54 +433,8 @@ def _rack_force_of(params: Any, z: Any, vehicle: Any, trail_m: Any, arm_m: Any) 
     return of_axle
 
 
-def is_limited(*_: Any) -> Any:
-    """Return whether a limit of the actuator shapes the motion, for compiled code."""
-    raise NotImplementedError("for compiled code")
+def _limited(is_limited: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
+    return lambda _params, z: is_limited(z)
 
 
-@overload(is_limited, strict=False, jit_options=INLINE)
-def _is_limited_of(params: Any, z: Any) -> Any:  # noqa: ARG001
-    limited = MOTIONS[params.instance_class].is_limited
-    return lambda params, z: limited(z)  # noqa: ARG005
-
-
-def _read_force(w: Wheel, x: WheelProgress, p: Any, z: Any) -> None:
-    force_n = rack_force_n(p, z, w.vehicle, w.trail_m, w.arm_m)
-    w.force_n[w.events.number[x.event]] = _on_wire(force_n, _FORCE_N_MAX, _FORCE_N)
-
-
-def _reads_force(w: Wheel, x: WheelProgress) -> bool:
-    return bool(w.events.kind[x.event] == _FORCE)
-
-
-def _driver_steers(_w: Wheel, x: WheelProgress, now_ns: int) -> bool:
-    return now_ns >= x.law_until_ns
-
-
-def _is_drivers(_w: Wheel, x: WheelProgress, p: Any, z: Any, guard: Any, now_ns: int) -> bool:
-    """Whether STEERING_STATUS says that the driver steers."""
-    return now_ns >= x.law_until_ns and status_of(guard, is_limited(p, z)) == _APPLYING
-
-
-start_wheel = _choosing(_start, lambda _w: None)
-"""(wheel): returns its state at the start."""
-next_ns = _choosing(_next_ns, lambda _w, _x, _ticks, to_ns: to_ns + 1)
-"""(wheel, state, ticks_done, to_ns): when its next event is; for none up to ``to_ns``, later."""
-is_turn = _choosing(_is_turn, lambda *_: False)
-"""(wheel, state, ns, command, times): whether that event comes before all else."""
-is_steering = _choosing(_is_steering, lambda *_: False)
-"""(wheel, state, now_ns): whether it is an angle that acts."""
-wanted_rad = _choosing(_wanted_rad, lambda *_: 0.0)
-"""(wheel, state): that angle, as one of the road wheels."""
-reads_force = _choosing(_reads_force, lambda *_: False)
-"""(wheel, state): whether it is a reading of the force on the rack."""
-read_force = _choosing(_read_force, lambda *_: None)
-"""(wheel, state, params, motion): keeps that force."""
-after_event = _choosing(_event, lambda _w, _r, x, _now: x)
-"""(wheel, records, state, now_ns): returns the state after an event."""
-driver_steers = _choosing(_driver_steers, lambda *_: False)
-"""(wheel, state, now_ns): whether the plant takes commands for an echo alone."""
-is_drivers = _choosing(_is_drivers, lambda *_: False)
-"""(wheel, state, params, motion, guard, now_ns): whether STEERING_STATUS says DRIVER_STEERS."""
-decide = _choosing(_decide, lambda _w, _r, x, _tick, _now, law: (x, law[0], False))
-"""(wheel, records, state, tick, now_ns, law): who steers; its state, the command, take-over."""
+_is_limited = chosen_by_type(lambda kind: _limited(MOTIONS[kind].is_limited))

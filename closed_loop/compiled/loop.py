@@ -213,7 +213,7 @@ def _plant_until(
                     plan = -1
                     continue
             motion_ns = max(at_ns - c.motion_start_ns, 0)
-            if wheel is not None and arrives and driver_steers(wheel, hands, at_ns):
+            if wheel is not None and arrives and driver_steers(hands, at_ns):
                 in_effect = by
                 continue
             guard, steers = guard_command(c.guard, guard, command_rad, motion_ns, has_come)
@@ -290,7 +290,7 @@ def _take_sample(
         record_ahead(inbox, p, sample, arc_length_m, speed_m_s)
     overrules = is_overruled(guard) and guard.mode != _HOLDING
     if wheel is not None:
-        overrules = overrules or is_drivers(wheel, hands, p, z, guard, motion_ns)
+        overrules = overrules or is_drivers(hands, p, z, guard, motion_ns)
     if overrules:
         if len(s.in_use) <= STATUS_SAMPLE:
             return guard, followed_ns, IS_OVERRULED

@@ -1,0 +1,84 @@
+"""One cycle of the hand wheel: what hands and motor do until the next one, live and compiled.
+
+    u = share (law or servo) + order + (1 - share) local damping
+
+The servo lets the wheel follow the road wheels while the law of the controller steers; the order is
+what that law adds (FEEDBACK_TORQUE).
+"""
+
+from math import isfinite
+from typing import NamedTuple
+
+from .driver import DRIVER_AT_REST, DriverParams, DriverState, Sight, driver_step
+from .feedback_laws import (
+    FEEDBACK_AT_REST,
+    FeedbackInput,
+    FeedbackParams,
+    FeedbackState,
+    feedback_step,
+    resist,
+)
+from .wheel_step import Hands
+
+
+class CycleParams(NamedTuple):
+    """Constants of driver and law; ``law`` is its place in FEEDBACK_LAWS."""
+
+    driver: DriverParams
+    feedback: FeedbackParams
+    law: int
+    servo_n_m: float
+    servo_n_m_s: float
+    fallback_damping_n_m_s: float
+
+
+class CycleState(NamedTuple):
+    """State of driver and law, and the newest torque of the law [N m]."""
+
+    driver: DriverState
+    feedback: FeedbackState
+    law_n_m: float
+
+
+class CycleInput(NamedTuple):
+    """What is known at a cycle.
+
+    ``late_rad``   the driver's wish by sight a reaction time ago
+    ``holds``      whether his hands are on the wheel, ``drives``: whether he steers, alone or not
+    ``is_active``  whether the law runs, and its share of the torque
+    """
+
+    late_rad: float
+    sight: Sight
+    kick_n_m: float
+    holds: bool
+    drives: bool
+    observed: FeedbackInput
+    ratio: float
+    order_n_m: float
+    is_active: bool
+    share: float
+
+
+CYCLE_AT_REST = CycleState(DRIVER_AT_REST, FEEDBACK_AT_REST, 0.0)
+
+
+def cycle_step(p: CycleParams, x: CycleState, u: CycleInput) -> tuple[CycleState, Hands, float]:
+    """Return the state a cycle later, what his hands do, and what the motor is told [N m]."""
+    observed, share = u.observed, u.share
+    angle_rad, rate_rad_s = observed.angle_rad, observed.rate_rad_s
+    driver, hands = driver_step(
+        p.driver, x.driver, u.late_rad, u.sight, angle_rad, u.kick_n_m, u.holds, u.drives
+    )
+    feedback, law_n_m = x.feedback, x.law_n_m
+    if u.is_active:
+        feedback, against_n_m = feedback_step(p.law, p.feedback, feedback, observed)
+        feedback, law_n_m = resist(p.feedback, feedback, against_n_m, rate_rad_s)
+    felt_n_m = law_n_m
+    if not u.drives:
+        lack_rad = u.ratio * observed.wheel_rad - angle_rad
+        felt_n_m = p.servo_n_m * lack_rad - p.servo_n_m_s * rate_rad_s
+    local_n_m = -p.fallback_damping_n_m_s * rate_rad_s
+    told_n_m = share * felt_n_m + u.order_n_m + (1.0 - share) * local_n_m
+    after = CycleState(driver, feedback, law_n_m)
+    return after, hands, told_n_m if isfinite(told_n_m) else local_n_m
