@@ -55,6 +55,8 @@ def _plain(line: str) -> Logged:
         raise ValueError
     stamp, channel, identifier, length, code, remote, payload = match.groups()
     words = (payload or "").replace("`", " ").split()
+    if len({len(word) for word in words}) > 1:  # bits of which the last are cut off
+        raise ValueError
     data = bytes(int(word, 2 if len(word) == 8 else 16) for word in words)
     if "`" in (payload or ""):
         data = data[::-1]

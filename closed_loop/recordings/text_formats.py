@@ -116,8 +116,10 @@ class AscReader:
 
 def _of_can(event: str, words: Sequence[str]) -> bool:
     """Whether an event, which is none of CAN's in its name, has a frame of CAN behind it."""
-    is_frame = any(word.casefold() in {"rx", "tx", "txrq"} for word in words)
     event = event.casefold()
+    is_frame = event.startswith("canfd") or any(
+        word.casefold() in {"rx", "tx", "txrq"} for word in words
+    )
     return is_frame and event != _FLEXRAY and not event.startswith(_OTHER_BUSES)
 
 
