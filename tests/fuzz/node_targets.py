@@ -145,13 +145,15 @@ class CommandLimits:
         rate_rad_s = settings.limits.steer_rate_rad_s_max
         self._steer_rad_max = settings.limits.steer_rad_max + rounding_rad
         self._step_rad_max = rate_rad_s * settings.period_ns / NS_PER_S + 2.0 * rounding_rad
-        self._last_rad = 0.0
+        # Beside a driver the first command is where the wheel stands.
+        self._last_rad = None if settings.hand_wheel else 0.0
 
     def __call__(self, message: Message) -> None:
         """Check the next message that leaves."""
         if not isinstance(message, SteeringCommand):
             return
-        step_rad = abs(message.steer_rad - self._last_rad)
+        last_rad = message.steer_rad if self._last_rad is None else self._last_rad
+        step_rad = abs(message.steer_rad - last_rad)
         assert abs(message.steer_rad) <= self._steer_rad_max, f"beyond the limit: {message}"
         assert step_rad <= self._step_rad_max, f"a step of {step_rad} rad: {message}"
         self._last_rad = message.steer_rad
