@@ -125,6 +125,8 @@ def kicked(
     vehicle: dict[str, Any] = loop.vehicle._asdict()
     del vehicle["preview_distance_m"]
     cycle_s = loop.cycle_ms / 1e3
+    # A torque sensor swings fast, and a swing below a step of the signals is not felt.
+    short = 4.0 if loop.sensor_n_m_rad else 1.0
     latencies = {"downlink": loop.down * cycle_s, "uplink": loop.up * cycle_s}
     plant = PlantSettings.model_validate(
         {
@@ -146,7 +148,7 @@ def kicked(
             "wheel": {"friction_n_m": friction_n_m, "torque_n_m_max": 20.0}
             | {"damping_n_m_s": loop.damping_n_m_s, "sensor_n_m_rad": loop.sensor_n_m_rad},
             "driver": {"grip": loop.grip}
-            | {"kicks": [{"at_s": 0.5, "lasts_s": 0.1, "torque_n_m": kick_n_m}]},
+            | {"kicks": [{"at_s": 0.5, "lasts_s": 0.1 / short, "torque_n_m": kick_n_m * short}]},
             "feedback": {"law": loop.law, "torque_gradient_n_m": gradient_n_m},
             "nominal_model": {**vehicle, "actuator_lag_s": loop.lag_s},
             "supervision": {"timeout_ms": 5000.0},
