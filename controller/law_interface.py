@@ -69,6 +69,7 @@ class History(NamedTuple):
     ``plans``            of a law that plans, by tick: rows of ``controller.history.plan``; its mask
                          is 0 for a law that does not
     ``command_tick``     the tick that sent a command, by the command's number
+    ``yaw_rate_rad_s``   of a sample; valid only where ``has_yaw_rate`` is true [rad/s]
     """
 
     tick_mask: int
@@ -84,6 +85,8 @@ class History(NamedTuple):
     plan_mask: int = 0
     plans: Sequence[MutableSequence[float]] = ()
     command_tick: MutableSequence[int] = _NONE
+    yaw_rate_rad_s: MutableSequence[float] = _NONE
+    has_yaw_rate: MutableSequence[bool] = _NONE
 
 
 def newest_heading_rad(observed: "LawInput") -> float:

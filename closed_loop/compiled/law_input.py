@@ -19,6 +19,7 @@ from ...controller.history.history import (
     error_step,
     loop_delay_at,
     path_step,
+    yaw_rate_step,
 )
 from ...controller.history.plan import ROW_LENGTH, limit_plan
 from ...controller.law_interface import VehicleReading
@@ -189,6 +190,7 @@ def take_arrivals(inbox: Inbox, x: Known, s: Instants, r: Records, now_ns: int) 
             )
         elif message == _VEHICLE_STATE:
             vehicle_sample, vehicle_ns = sample, came_ns
+            yaw_rate_step(params, rings, errors, signals[SEEN_YAW_RATE, sample], came_ns)
         else:
             speed_m_s = signals[SEEN_SPEED, vehicle_sample] if vehicle_sample >= 0 else 0.0
             ahead_1_m = inbox.path_ahead_1_m[sample // inbox.samples_per_path]

@@ -22,6 +22,7 @@ from ...controller.history.history import (
     error_step,
     loop_delay_at,
     path_step,
+    yaw_rate_step,
 )
 from ...controller.history.plan import limit_plan
 from ...controller.law_interface import Law, LawInput
@@ -77,6 +78,7 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     echo_step,
     command_step,
     path_step,
+    yaw_rate_step,
     loop_delay_at,
     loss_step,
     start_guard,

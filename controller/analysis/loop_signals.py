@@ -23,6 +23,8 @@ from .linear_system import companion_form
 
 HEADING_NOISE_1_M = 0.1
 """Noise of the heading error over that of the lateral error: 2 mrad with 20 mm."""
+YAW_RATE_NOISE_1_SM = 0.15
+"""Noise of the yaw rate over that of the lateral error: 3 mrad/s with 20 mm."""
 
 
 class LoopModel(NamedTuple):
@@ -126,8 +128,8 @@ class LoopMatrices(NamedTuple):
     And x ↦ A x + E v with p = F x + G v: v is added to the commands that begin to act, and p acts
     then. x contains the last command that began to act before and still acts.
 
-    ``w``  noise of the lateral errors of its samples [m], and of the heading errors, relative to
-           HEADING_NOISE_1_M
+    ``w``  noise of the lateral errors of its samples [m], and of the heading errors and the yaw
+           rates that the law reads, relative to HEADING_NOISE_1_M and YAW_RATE_NOISE_1_SM
     ``v``  added after the law, which does not know of it [rad]
     """
 
@@ -164,14 +166,15 @@ class Signals:
         samples = range(known, self._sample)
         acting = timing.acting_tick(self._now_ns)
         vehicle, held = len(self._b), (timing.wheel_ns % timing.loop_delay.period_ns > 0)
-        self._order = vehicle + law_floats + len(ticks) + 3 * len(samples) + held
-        self._noisy = self._order + 2 * timing.samples
+        self._signals = 4 if timing.loop_delay.yaw_rate_samples else 3
+        self._order = vehicle + law_floats + len(ticks) + self._signals * len(samples) + held
+        self._noisy = self._order + (self._signals - 1) * timing.samples
         columns = np.eye(self._noisy + timing.ticks)
         rows, added = iter(columns[: self._order]), columns[self._noisy :]
         self._vehicle = np.array([next(rows) for _ in range(vehicle)])
         self._law = np.array([next(rows) for _ in range(law_floats)])
         self._commands = {tick: next(rows) for tick in ticks}
-        self._measured = {sample: [next(rows) for _ in range(3)] for sample in samples}
+        self._measured = {sample: [next(rows) for _ in range(self._signals)] for sample in samples}
         self._added = {acting: next(rows)} if held else {}
         self._begins = range(acting + held, acting + held + timing.ticks)
         self._added |= dict(zip(self._begins, added, strict=True))
@@ -192,15 +195,21 @@ class Signals:
             self._now_ns = until_ns
 
     def take_sample(self) -> None:
-        """Measure both errors, with noise, and the wheel: without a lag, it is the command."""
-        lateral, heading = self._vehicle[Y].copy(), self._vehicle[PSI].copy()
-        place = self._order + 2 * (self._sample - self._timing.first_sample)
+        """Measure both errors and the yaw rate, with noise, and the wheel.
+
+        Without a lag, that is the command.
+        """
+        lateral, heading, yaw_rate = (self._vehicle[state].copy() for state in (Y, PSI, R))
+        place = self._order + (self._signals - 1) * (self._sample - self._timing.first_sample)
         lateral[place], heading[place + 1] = 1.0, HEADING_NOISE_1_M
         acting = self._timing.applied_tick(self._sample - self._timing.loop_delay.dead_samples)
         wheel = self._commands[acting] + self._added.get(acting, 0.0)
         if self._has_wheel:
             wheel = self._vehicle[-1].copy()
         self._measured[self._sample] = [lateral, heading, wheel]
+        if self._signals > 3:
+            yaw_rate[place + 2] = YAW_RATE_NOISE_1_SM
+            self._measured[self._sample].append(yaw_rate)
         self._sample += 1
 
     def decide(self, respond: Callable[[Timing, int], FloatArray]) -> None:

@@ -76,7 +76,8 @@ class PeriodicLoop:
         self._design, self._loop_delay = design, loop_delay
         speed_m_s = loop_model.speed_m_s
         self._params = design.params if design.params_at is None else design.params_at(speed_m_s)
-        self.period_ns = math.lcm(loop_delay.period_ns, loop_delay.sensor_period_ns)
+        sensors_ns = loop_delay.sensor_period_ns * max(loop_delay.yaw_rate_samples, 1)
+        self.period_ns = math.lcm(loop_delay.period_ns, sensors_ns)
         if (
             max(
                 self.period_ns // loop_delay.period_ns,

@@ -74,15 +74,17 @@ class _LoopInput:
         self._speed_m_s = speed_m_s
         self._timing, self._delay_ns = timing, timing.echoed_delay_ns()
         self.period_ns = timing.loop_delay.period_ns
-        self._history = empty_history(keeps_plans=False)
-        self.sent_rad, self.lateral_error_m = self._history.sent_rad, self._history.lateral_error_m
-        self.measured = (
-            self.lateral_error_m, self._history.heading_error_rad, self._history.wheel_rad
-        )  # fmt: skip
+        rings = self._history = empty_history(keeps_plans=False)
+        self.sent_rad, self.lateral_error_m = rings.sent_rad, rings.lateral_error_m
+        self.measured = [self.lateral_error_m, rings.heading_error_rad, rings.wheel_rad]
+        every = timing.loop_delay.yaw_rate_samples
+        if every:
+            self.measured.append(rings.yaw_rate_rad_s)
         last = timing.first_sample + timing.samples
         for sample in range(max(0, last - RING_SIZE + 1), last + 1):
-            self._history.has_error[sample % RING_SIZE] = True
-            self._history.applied_tick[sample % RING_SIZE] = timing.applied_tick(sample)
+            rings.has_error[sample % RING_SIZE] = True
+            rings.has_yaw_rate[sample % RING_SIZE] = every > 0 and sample % every == 0
+            rings.applied_tick[sample % RING_SIZE] = timing.applied_tick(sample)
 
     def observed(self, tick: int) -> LawInput:
         """Return the law's input at a tick."""

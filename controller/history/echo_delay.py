@@ -52,12 +52,14 @@ class LoopDelayParams(NamedTuple):
     """Periods of the two clocks, and the number of echoes that the mean covers.
 
     ``dead_samples``  the steering's dead time, which no echo shows
+    ``yaw_rate_samples``  from one yaw rate to the next; 0 where the filter uses none
     """
 
     period_ns: int
     sensor_period_ns: int
     averaging_samples: float
     dead_samples: int = 0
+    yaw_rate_samples: int = 0
 
 
 class DelayState(NamedTuple):

@@ -3,7 +3,7 @@
 E2E counters are unwrapped to sample numbers. The number nearest to the one expected by the clock is
 taken, so that a gap longer than the counter's range and a restart of the sender are bridged.
 
-Four step functions record received and sent values in ``History`` (lists in a live run, arrays in
+Five step functions record received and sent values in ``History`` (lists in a live run, arrays in
 batches), and ``loop_delay_at`` derives the delay at a tick. ``BusHistory`` keeps their states for a
 node.
 """
@@ -85,13 +85,22 @@ def error_step(
     if sample < 0:  # before the first received frame
         return x
     for lost in range(max(x.sample + 1, sample - RING_SIZE), sample):
-        rings.has_error[lost & _MASK] = False
+        rings.has_error[lost & _MASK] = rings.has_yaw_rate[lost & _MASK] = False
     index = sample & _MASK
-    rings.has_error[index] = True
+    rings.has_error[index], rings.has_yaw_rate[index] = True, False
     rings.lateral_error_m[index] = lateral_error_m
     rings.heading_error_rad[index] = heading_error_rad
     rate = rate_step(p.loop_delay.sensor_period_ns, x.rate, x.arrival_ns, sample, now_ns)
     return Errors(sample, now_ns, rate)
+
+
+def yaw_rate_step(
+    p: HistoryParams, rings: History, errors: Errors, yaw_rate_rad_s: float, now_ns: int
+) -> None:
+    """Store a yaw rate at the sample of the measurement that it came with."""
+    if errors.sample >= 0 and 2 * (now_ns - errors.arrival_ns) < p.loop_delay.sensor_period_ns:
+        index = errors.sample & _MASK
+        rings.yaw_rate_rad_s[index], rings.has_yaw_rate[index] = yaw_rate_rad_s, True
 
 
 def echo_step(
@@ -248,6 +257,8 @@ def empty_history(*, keeps_plans: bool) -> History:
         plan_mask=_MASK if keeps_plans else 0,
         plans=[[0.0] * ROW_LENGTH for _ in range(size if keeps_plans else 1)],
         command_tick=[-1] * size,
+        yaw_rate_rad_s=[0.0] * size,
+        has_yaw_rate=[False] * size,
     )
 
 
@@ -266,9 +277,10 @@ class BusHistory:
         self._path_end = -1
         self._first_period: int | None = None
 
-    def on_vehicle(self, now_ns: int) -> None:
-        """Record that the vehicle's speed is known."""
+    def on_vehicle(self, yaw_rate_rad_s: float, now_ns: int) -> None:
+        """Store the yaw rate, and record that the vehicle's speed is known."""
         self._vehicle_ns = now_ns
+        yaw_rate_step(self._params, self.history, self._errors, yaw_rate_rad_s, now_ns)
 
     def on_path(self, path: PathAhead, speed_m_s: float) -> None:
         """Store the path ahead, at the vehicle's speed."""

@@ -68,6 +68,8 @@ class MpcSettings(Settings):
     steer_rate_rad_s_max: Annotated[float, Field(gt=0.0, le=100.0)] = 0.6
     ramp_s: Annotated[float, Field(ge=0.0, le=2.0)] = 0.3
     """Time for which a curvature that changes goes on changing; 0: it stays as it is."""
+    change_weight: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    """Of what the command changes by in 30 ms, over that of the command: against noise."""
     asks_to_slow_down: bool = False
     """Whether SPEED_REQUEST asks for the speed at which the bends ahead take
     ``predictor.lateral_acceleration_m_s2_max``, which is needed then."""
@@ -127,7 +129,7 @@ def mpc_step(p: MpcParams, x: MpcState, observed: LawInput) -> tuple[MpcState, L
             ahead = along_ramp(ahead, curve.rate_1_m_s, p.speed_m_s, lead_s)
         sent_rad = history.sent_rad[(loop_delay.tick - 1) & history.tick_mask]
         z = vector()
-        write_unknowns(p, z, ahead, curve.rate_1_m_s, observed)
+        write_unknowns(p, z, ahead, curve.rate_1_m_s, sent_rad, observed)
         steer_rad = first_command(p.horizon, z, sent_rad)
         steer_rad = min(max(steer_rad, sent_rad - p.step_rad_max), sent_rad + p.step_rad_max)
         steer_rad = min(max(steer_rad, -p.horizon.steer_rad_max), p.horizon.steer_rad_max)
@@ -194,9 +196,10 @@ def write_unknowns(
     z: MutableSequence[float],
     x: EstimatorState,
     rate_1_m_s: float,
+    sent_rad: float,
     observed: LawInput,
 ) -> None:
-    """Write what the programme starts from: state, offset, and the curvature of each step."""
+    """Write what the programme starts from: state, offset, curvature of each step, last command."""
     path_end, history = observed.loop_delay.path_end, observed.history
     known_1_m, mask = history.curvature_1_m, history.sample_mask
     z[0], z[1], z[2] = x.side_slip_rad, x.yaw_rate_rad_s, x.heading_error_rad
@@ -209,6 +212,7 @@ def write_unknowns(
         else:
             change_1_m = rate_1_m_s * min(time_s, p.ramp_s)
         z[6 + step] = x.curvature_1_m + change_1_m
+    z[6 + STEPS] = sent_rad
 
 
 def mpc_at_rest(p: MpcParams, lateral_error_m: float) -> MpcState:
@@ -255,7 +259,8 @@ def design_mpc(settings: "LawSettings") -> Schedule:
             "mpc.asks_to_slow_down needs predictor.lateral_acceleration_m_s2_max, to know for what"
         )
     inside = design_predictor(settings)
-    rows_at = design_horizon(settings.estimator, vehicle, feedback_of(settings))
+    feedback = feedback_of(settings)
+    rows_at = design_horizon(settings.estimator, vehicle, feedback, table.change_weight)
     sample_s, rate_rad_s = settings.link.sensor_period_s, table.steer_rate_rad_s_max
 
     def at(speed_m_s: float) -> MpcParams:

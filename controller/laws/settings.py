@@ -16,7 +16,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticKnownError
 
-from ...dbc.messages import LawNumber
+from ...dbc.messages import CYCLE_TIMES_MS, LawNumber, VehicleState
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
 from ...runtime.settings.plugin import (
@@ -123,12 +123,16 @@ class LawSettings(_TablesOfLaws):
     @property
     def loop_delay(self) -> LoopDelayParams:
         """The parameters of the measurement of the delay."""
-        sensor_period_s = self.link.sensor_period_s
+        sensor_period_s, yaw_rate_samples = self.link.sensor_period_s, 0
+        if self.estimator.yaw_rate_sensor_noise_rad_s is not None:
+            yaw_rate_ms = CYCLE_TIMES_MS[VehicleState]
+            yaw_rate_samples = max(int(yaw_rate_ms / self.link.sensor_period_ms), 1)
         return LoopDelayParams(
             round(NS_PER_S / self.rate_hz),
             round(self.link.sensor_period_ms * NS_PER_MS),
             max(1.0, self.link.delay_averaging_s / sensor_period_s),
             round(self.estimator.actuator_dead_time_s / sensor_period_s),
+            yaw_rate_samples,
         )
 
     @property

@@ -8,9 +8,9 @@ with a steering offset d and the wheel's lag T_a:
     δ'  = (u - δ)/T_a,  or δ = u without a lag
 
 The model is sampled exactly for a held command. The filter is the steady-state one for white noise
-on β', r' and the two random walks, and for the noise of the two measurements; after a gap its gain
-is K_n = P_n Hᵀ (H P_n Hᵀ + R)⁻¹, with the covariance P_n that n samples without a measurement leave
-of the steady state's. The feedback minimises the cost (k y_p)² + (u - u_ss)², with the weight k in
+on β', r' and the two random walks, and for the noise of the measurements; after a gap its gain is
+K_n = P_n Hᵀ (H P_n Hᵀ + R)⁻¹, with the covariance P_n that n samples without a measurement leave of
+the steady state's. The feedback minimises the cost (k y_p)² + (u - u_ss)², with the weight k in
 steer per metre and the deviation y_p of the followed point, d behind the preview point:
 
     y_p = y - d Δψ - d² ρ/2
@@ -41,7 +41,7 @@ SPEED_M_S_MAX = 82.0
 """Just beyond what VEHICLE_STATE can carry."""
 _SPEED_M_S_MIN = 0.1
 """Below, a turn takes more steer than any wheel has."""
-_MEASURED = (Y, PSI)
+_MEASURED = (Y, PSI, R)
 _FREE = (BETA, R, PSI, Y)
 _FILTERED = (BETA, R, PSI, Y, RHO, D)
 
@@ -58,6 +58,8 @@ class EstimatorSettings(Settings):
     yaw_rate_noise_rad_s_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.01
     curvature_walk_1_m_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.02
     steering_offset_walk_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.005
+    yaw_rate_sensor_noise_rad_s: Annotated[float, Field(ge=1e-6, le=10.0)] | None = None
+    """Of VEHICLE_STATE's yaw rate; None: the filter does not use it."""
     actuator_lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     """Lag of the wheel behind the command, if known."""
     actuator_dead_time_s: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
@@ -205,7 +207,7 @@ def sampled_vehicles(
 
 
 def noise_covariances(settings: EstimatorSettings, sensor_period_s: float) -> tuple[Matrix, Matrix]:
-    """Return Q over a sensor period, order β r Δψ y ρ d, and R of (y, Δψ)."""
+    """Return Q over a sensor period, order β r Δψ y ρ d, and R of y, Δψ and, if it is used, r."""
     densities = [
         settings.side_slip_noise_rad_sqrt_s,
         settings.yaw_rate_noise_rad_s_sqrt_s,
@@ -215,8 +217,10 @@ def noise_covariances(settings: EstimatorSettings, sensor_period_s: float) -> tu
         settings.steering_offset_walk_rad_sqrt_s,
     ]
     q = np.diag(np.square(densities)) * sensor_period_s
-    r = np.diag(np.square([settings.lateral_error_noise_m, settings.heading_error_noise_rad]))
-    return q, r
+    noise = [settings.lateral_error_noise_m, settings.heading_error_noise_rad]
+    if settings.yaw_rate_sensor_noise_rad_s is not None:
+        noise.append(settings.yaw_rate_sensor_noise_rad_s)
+    return q, np.diag(np.square(noise))
 
 
 def _rows(
@@ -230,7 +234,8 @@ def _rows(
     """Return the numbers of the gains at each speed; raises UnsolvableError."""
     f, g = sampled_vehicles(settings, vehicle, speeds_m_s, sensor_period_s)
     q, r = noise_covariances(settings, sensor_period_s)
-    measured = np.eye(len(_FILTERED))[list(_MEASURED)]
+    # The yaw rate comes more rarely than the errors; K is that for a yaw rate at every sample.
+    measured = np.eye(len(_FILTERED))[list(_MEASURED[: len(r)])]
     each_k = filter_gains(f[:, : len(_FILTERED), : len(_FILTERED)], measured, q, r, GAP_DOUBLINGS)
     steer = _feedback(settings, vehicle, speeds_m_s, period_s, feedback)
     columns = (BETA, R, D, DELTA)
@@ -240,7 +245,8 @@ def _rows(
         *((Y, (BETA, R, PSI, RHO, D, DELTA)), (DELTA, (DELTA,))),
     )
     model = [part for row, of in entries for part in (f[:, row, of], g[:, row, np.newaxis])]
-    corrections = [k.reshape(len(k), -1) for k in each_k]
+    unused = ((0, 0), (0, 0), (0, len(_MEASURED) - len(r)))
+    corrections = [np.pad(k, unused).reshape(len(k), -1) for k in each_k]
     return np.concatenate([*model, steer, *corrections], axis=1)
 
 

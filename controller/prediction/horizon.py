@@ -1,17 +1,21 @@
 """The commands of the coming time as a quadratic programme, condensed at every speed.
 
-    minimise   Σ (k y_p[i])² + (u[i] - u_ss[i])²  +  (x[N] - x_ss)ᵀ P (x[N] - x_ss)
+    minimise   Σ (k y_p[i])² + (u[i] - u_ss[i])² + (λ (u[i] - u[i-1]))²
+               + (x[N] - x_ss)ᵀ P (x[N] - x_ss)
     so that    |u[i]| <= u_max,   |u[i] - u[i-1]| <= r,   |a_y[i]| <= a_max
 
     u[i]   command for step i of N, each of ``STEP_S``, with u[-1] the one before     [rad]
     y_p    deviation of the followed point, as in ``gains_over_speed``                [m]
     a_y    lateral acceleration at the end of each step                               [m/s²]
-    P      cost of the LQR beyond the horizon
+    λ      weight of a change, against noise of the commands
+    P      cost of the LQR beyond the horizon, where changes cost nothing
 
 The model is that of the filter, sampled at ``STEP_S``; eliminating the states leaves U = (u[0] ...)
 as the only unknown, and all of the rest is linear in
 
-    z = (β, r, Δψ, y, δ, d, ρ[0] ... ρ[N-1])     state, steering offset, curvature of each step
+    z = (β, r, Δψ, y, δ, d, ρ[0] ... ρ[N-1], u[-1])
+
+the state, the steering offset, the curvature of each step and the last command:
 
     cost ½ Uᵀ H U + Uᵀ f z,    U* = -H⁻¹ f z without limits,    a_y = A z + G U
 
@@ -53,7 +57,7 @@ from .riccati_equation import solve_riccati
 
 STEPS = 20
 STEP_S = 0.03
-WIDTH = 6 + STEPS
+WIDTH = 7 + STEPS
 """Numbers in z, and in each row of a table; shorter rows end with zeros."""
 ITERATIONS = 20
 SIGMA = 10.0
@@ -155,14 +159,17 @@ def _limited(
 
 
 def design_horizon(
-    settings: EstimatorSettings, vehicle: VehicleModelSettings, feedback: Feedback
+    settings: EstimatorSettings,
+    vehicle: VehicleModelSettings,
+    feedback: Feedback,
+    change_weight: float,
 ) -> Callable[[float], Sequence[Sequence[float]]]:
     """Return the rows of ``HorizonParams`` as a function of the speed [m/s].
 
     Raises UnsolvableError where the vehicle cannot be held at a speed.
     """
     speeds_m_s = speeds_of(settings)
-    tables = _tables(settings, vehicle, speeds_m_s, feedback)
+    tables = _tables(settings, vehicle, speeds_m_s, feedback, change_weight)
 
     def at(speed_m_s: float) -> Sequence[Sequence[float]]:
         return [tuple(row) for row in between(speeds_m_s, tables, speed_m_s).tolist()]
@@ -175,6 +182,7 @@ def _tables(
     vehicle: VehicleModelSettings,
     speeds_m_s: Sequence[float],
     feedback: Feedback,
+    change_weight: float,
 ) -> Matrix:
     """Return the rows at each speed, shape (speeds, rows, WIDTH)."""
     count, behind_m, order = len(speeds_m_s), feedback.behind_m, len(_STATES)
@@ -219,7 +227,7 @@ def _tables(
     weight = product(transposed(deviation), deviation)[:, :size, :size] * squared[:, None, None]
     p = solve_riccati(inner[:, :size, :size], by_u[:, :size, None], weight, np.eye(1))
     last_z, last_u = of_z[:, :size].copy(), of_u[:, :size]
-    last_z[:, :, -1] -= held[:, free]
+    last_z[:, :, -2] -= held[:, free]
     if has_lag:
         last_z[:, -1, order] += 1.0
 
@@ -228,14 +236,17 @@ def _tables(
     for step in range(STEPS):
         target[:, step, 1 + order + step] = held[:, DELTA]
     eye = np.broadcast_to(np.eye(STEPS), (count, STEPS, STEPS))
+    difference = np.eye(STEPS) - np.eye(STEPS, k=-1)
+    change = difference.T @ difference
+    target[:, 0, -1] = change_weight**2
     h = eye + product(transposed(e_u), e_u) + product(transposed(last_u), product(p, last_u))
+    h = h + change_weight**2 * change
     linear = (
         product(transposed(e_u), e_z) + product(transposed(last_u), product(p, last_z)) - target
     )
     best = -quotient(h, linear)
     back = transposed(g_side)
-    difference = np.eye(STEPS) - np.eye(STEPS, k=-1)
-    c_c = eye + product(difference.T, difference) + product(back, g_side)
+    c_c = eye + change + product(back, g_side)
     share = quotient(h + SIGMA * c_c, eye)
     square = [product(share, h), SIGMA * share, a, g_side, back]
     padded = [np.pad(each, ((0, 0), (0, 0), (0, WIDTH - each.shape[2]))) for each in square]

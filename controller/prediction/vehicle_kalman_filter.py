@@ -6,13 +6,14 @@ State: side slip β, yaw rate r, heading error Δψ and lateral error y of SAE 2
     d   steering offset            random walk; a side force, a bank or a wrong mass look like it
     δ   angle of the wheel         lag from the command to the wheel, if there is one
 
-    x[k+1] = F x[k] + G u[k],   (y, Δψ)[k] = H x[k]      sampled at the sensors' period
-    x ← x + K ((y, Δψ) - H x)                            where the sample's LATERAL_ERROR came
+    x[k+1] = F x[k] + G u[k],   (y, Δψ, r)[k] = H x[k]   sampled at the sensors' period
+    x ← x + K ((y, Δψ, r) - H x)                         where the sample's LATERAL_ERROR came
 
 K at each speed (``controller.prediction.gains_over_speed``) is the steady-state gain where the
 sample before was measured, too. After a gap it weighs the measurement as what the model has lost
 by then, for the next of 2, 4 ... ``GAP_MAX`` samples: the steady-state gain would let the error
-grow where only every third or fourth measurement comes.
+grow where only every third or fourth measurement comes. r is used where the estimator's settings
+give its noise and the sample's VEHICLE_STATE came.
 u[k] is what the plant reported as applied from sample k to k + 1: the command named by the echo, or
 the wheel angle while the steering overrules commands (hold, fallback, limits). With a lag the
 reported wheel angle is used too: what a step of the model does not explain is taken for another
@@ -53,16 +54,22 @@ class Correction(NamedTuple):
 
     beta_from_y: float
     beta_from_psi: float
+    beta_from_r: float
     r_from_y: float
     r_from_psi: float
+    r_from_r: float
     psi_from_y: float
     psi_from_psi: float
+    psi_from_r: float
     y_from_y: float
     y_from_psi: float
+    y_from_r: float
     rho_from_y: float
     rho_from_psi: float
+    rho_from_r: float
     d_from_y: float
     d_from_psi: float
+    d_from_r: float
 
 
 class VehicleGains(NamedTuple):
@@ -205,19 +212,23 @@ def correction_at(g: VehicleGains, history: History, sample: int) -> Correction:
 
 
 def correction_step(
-    k: Correction, x: EstimatorState, lateral_error_m: float, heading_error_rad: float
+    k: Correction,
+    x: EstimatorState,
+    lateral_error_m: float,
+    heading_error_rad: float,
+    yaw_rate_rad_s: float,
 ) -> EstimatorState:
-    """Return the state corrected by the measurement of its sample."""
+    """Return the state corrected by the measurements of its sample."""
     sample, beta, r, psi, y, rho, d, delta, behind = x
-    e_y, e_psi = lateral_error_m - y, heading_error_rad - psi
+    e_y, e_psi, e_r = lateral_error_m - y, heading_error_rad - psi, yaw_rate_rad_s - r
     corrected = (
         sample,
-        beta + (k.beta_from_y * e_y + k.beta_from_psi * e_psi),
-        r + (k.r_from_y * e_y + k.r_from_psi * e_psi),
-        psi + (k.psi_from_y * e_y + k.psi_from_psi * e_psi),
-        y + (k.y_from_y * e_y + k.y_from_psi * e_psi),
-        rho + (k.rho_from_y * e_y + k.rho_from_psi * e_psi),
-        d + (k.d_from_y * e_y + k.d_from_psi * e_psi),
+        beta + (k.beta_from_y * e_y + k.beta_from_psi * e_psi + k.beta_from_r * e_r),
+        r + (k.r_from_y * e_y + k.r_from_psi * e_psi + k.r_from_r * e_r),
+        psi + (k.psi_from_y * e_y + k.psi_from_psi * e_psi + k.psi_from_r * e_r),
+        y + (k.y_from_y * e_y + k.y_from_psi * e_psi + k.y_from_r * e_r),
+        rho + (k.rho_from_y * e_y + k.rho_from_psi * e_psi + k.rho_from_r * e_r),
+        d + (k.d_from_y * e_y + k.d_from_psi * e_psi + k.d_from_r * e_r),
         delta,
         behind,
     )
@@ -327,9 +338,11 @@ def estimate_to(
         index = x.sample & history.sample_mask
         if history.has_error[index]:
             k = correction_at(g, history, x.sample)
-            x = correction_step(
-                k, x, history.lateral_error_m[index], history.heading_error_rad[index]
-            )
+            yaw_rate_rad_s = x.yaw_rate_rad_s
+            if p.yaw_rate_samples and history.has_yaw_rate[index]:
+                yaw_rate_rad_s = history.yaw_rate_rad_s[index]
+            error_m, heading_rad = history.lateral_error_m[index], history.heading_error_rad[index]
+            x = correction_step(k, x, error_m, heading_rad, yaw_rate_rad_s)
     return x
 
 

@@ -28,7 +28,7 @@ def at(speed_m_s: float) -> MpcParams:
 
 def unknowns(error_m: float, heading_rad: float, curvature_1_m: float) -> list[float]:
     ramp = np.linspace(0.0, curvature_1_m, STEPS).tolist()
-    return [0.0, 0.0, heading_rad, error_m, 0.0, 0.0, *ramp]
+    return [0.0, 0.0, heading_rad, error_m, 0.0, 0.0, *ramp, 0.0]
 
 
 def by_scipy(p: HorizonParams, z: list[float], before_rad: float) -> float:

@@ -1,7 +1,7 @@
 """The filter of the laws against filterpy's, over gains and over a record.
 
     x[k+1] = F x[k] + B u[k] + w[k],   E w wᵀ = Q        x = (β, r, Δψ, y, ρ, d, δ)
-    z[k]   = H x[k] + v[k],            E v vᵀ = R        z = (y, Δψ)
+    z[k]   = H x[k] + v[k],            E v vᵀ = R        z = (y, Δψ, r)
 
 filterpy estimates all seven states, the wheel among them. Its gain is where its own predict and
 update converge from covariances as large as the first metres of a run: a way to every number of
@@ -25,6 +25,7 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
     PSI,
     EstimatorSettings,
     Feedback,
+    R,
     Y,
     design_schedule,
     noise_covariances,
@@ -52,7 +53,9 @@ NOISES: dict[str, EstimatorSettings] = {
     "slow walks": EstimatorSettings(
         curvature_walk_1_m_sqrt_s=1e-3, steering_offset_walk_rad_sqrt_s=1e-4
     ),
-    "slow wheel": EstimatorSettings(actuator_lag_s=0.27),
+    "slow wheel, yaw rate": EstimatorSettings(
+        actuator_lag_s=0.27, yaw_rate_sensor_noise_rad_s=0.003
+    ),
 }
 
 
@@ -75,7 +78,7 @@ def vehicle() -> VehicleModelSettings:
 def gain_matrix(k: Correction) -> np.ndarray:
     return np.array(
         [
-            [getattr(k, f"{state}_from_{observed}") for observed in ("y", "psi")]
+            [getattr(k, f"{state}_from_{observed}") for observed in ("y", "psi", "r")]
             for state in (*FILTERED,)
         ]
     )
@@ -84,22 +87,23 @@ def gain_matrix(k: Correction) -> np.ndarray:
 def reference_filter(settings: EstimatorSettings, speed_m_s: float) -> KalmanFilter:
     """Return filterpy's filter of the same model and noise, at the start of a run."""
     (f,), (g,) = sampled_vehicles(settings, vehicle(), [speed_m_s], SENSOR_PERIOD_S)
-    q, reference = np.zeros_like(f), KalmanFilter(dim_x=7, dim_z=2, dim_u=1)
-    q[:6, :6], reference.R = noise_covariances(settings, SENSOR_PERIOD_S)
+    q_filtered, r = noise_covariances(settings, SENSOR_PERIOD_S)
+    q, reference = np.zeros_like(f), KalmanFilter(dim_x=7, dim_z=len(r), dim_u=1)
+    q[:6, :6], reference.R = q_filtered, r
     reference.F, reference.B, reference.Q = f, g[:, None], q
-    reference.H = np.eye(7)[[Y, PSI]]
+    reference.H = np.eye(7)[[Y, PSI, R][: len(r)]]
     reference.P = np.diag(np.square([0.1, 0.1, 0.1, 1.0, 0.1, 0.1, 0.0]))
     return reference
 
 
 def settled_gain(reference: KalmanFilter) -> np.ndarray:
-    """Let the filter predict and update till its gain stands still; returns it, shape (7, 2)."""
-    gain = np.zeros((7, 2))
+    """Let the filter predict and update till its gain stands still; returns it, shape (7, 3)."""
+    gain, sizes = np.zeros((7, 3)), (reference.dim_z, 1)
     for _ in range(5_000):
         for _ in range(200):
             reference.predict()
-            reference.update(np.zeros((2, 1)))  # what is measured has no part in the gain
-        before, gain = gain, np.array(reference.K)
+            reference.update(np.zeros(sizes))  # what is measured has no part in the gain
+        before, gain = gain, np.pad(reference.K, ((0, 0), (0, 3 - reference.dim_z)))
         if np.abs(gain - before).max() <= 1e-12 * np.abs(gain).max():
             return gain
     pytest.fail("the gain still moves after a million steps")
@@ -120,10 +124,9 @@ def test_filterpy_settles_at_the_gain_of_the_riccati_equation(noise: str, speed_
         reference.predict()
         if gap in after:
             waiting = deepcopy(reference)
-            waiting.update(np.zeros((2, 1)))
-            np.testing.assert_allclose(
-                waiting.K[:6], gain_matrix(after[gap]), rtol=1e-9, atol=1e-12
-            )
+            waiting.update(np.zeros((reference.dim_z, 1)))
+            k = gain_matrix(after[gap])[:, : reference.dim_z]
+            np.testing.assert_allclose(waiting.K[:6], k, rtol=1e-9, atol=1e-12)
 
 
 # A record with losses, late measurements and echoes
@@ -161,7 +164,8 @@ class Listening(ControllerNode):
 def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     network: str, lag_s: float
 ) -> None:
-    settings = controller_settings(f"estimator.actuator_lag_s={lag_s}")
+    yaw_rate = ("estimator.yaw_rate_sensor_noise_rad_s=0.003",) if lag_s else ()
+    settings = controller_settings(f"estimator.actuator_lag_s={lag_s}", *yaw_rate)
     path = 'path={kind="ellipse", semi_major_axis_m=30, semi_minor_axis_m=15}'
     rig = ("duration_s=12", path, f"actuator.lag_s={lag_s}", "sensor_noise.lateral_error_m=0.01")
     plant = plant_preset("paper_corner_d", (*rig, *NETWORKS[network]))
@@ -192,9 +196,10 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
             behind_rad += 0.1 * more_rad
         gap += 1
         correction = gains.corrections[ceil(log2(gap))]
-        reference.K = np.vstack([gain_matrix(correction), np.zeros(2)])
-        reference.update_steadystate(None if measured is None else np.array(measured))
+        reference.K = np.vstack([gain_matrix(correction), np.zeros(3)])[:, : reference.dim_z]
         if measured is not None:
+            z = [*measured[:2], reference.x[R, 0] if measured[2] is None else measured[2]]
+            reference.update_steadystate(np.array(z[: reference.dim_z]))
             gap = 0
         if sample in estimates:
             np.testing.assert_allclose(
@@ -207,12 +212,13 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
 
 def record(
     node: ControllerNode, first: int, last: int
-) -> tuple[list[float], list[tuple[float, float] | None], list[float | None]]:
+) -> tuple[list[float], list[tuple[float, float, float | None] | None], list[float | None]]:
     """Return what filterpy is given, read off the node's history when all is over."""
     bus_history = node._law.bus_history
     assert bus_history is not None
     history = bus_history.history
-    commands_rad, measurements, wheels_rad = [], [], []
+    commands_rad, wheels_rad = [], []
+    measurements: list[tuple[float, float, float | None] | None] = []
 
     def sent_rad(tick: int) -> float:
         return history.sent_rad[tick] if tick >= 0 else 0.0
@@ -221,8 +227,9 @@ def record(
         applied = history.applied_tick[sample - 1], history.applied_tick[sample]
         commands_rad.append(0.5 * (sent_rad(applied[0]) + sent_rad(applied[1])))
         came = history.has_error[sample]
-        observed = history.lateral_error_m[sample], history.heading_error_rad[sample]
-        measurements.append(observed if came else None)
+        yaw_rate_rad_s = history.yaw_rate_rad_s[sample] if history.has_yaw_rate[sample] else None
+        errors = history.lateral_error_m[sample], history.heading_error_rad[sample]
+        measurements.append((*errors, yaw_rate_rad_s) if came else None)
         is_new = applied[1] >= 0 and applied[0] != applied[1]
         wheels_rad.append(history.wheel_rad[sample] if is_new else None)
     return commands_rad, measurements, wheels_rad
