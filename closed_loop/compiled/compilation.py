@@ -17,12 +17,14 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import IO, Any
 
 import numba
 from numba.core.caching import IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
+from numba.np import linalg
 
 from ...runtime.program.garbage_collection import no_collections
 from .inlined_functions import CallerCompiler
@@ -31,6 +33,7 @@ if sys.platform != "win32":
     import fcntl
 
 _config: Any = numba.config
+_linalg: Any = linalg
 _SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "hand_wheel", "closed_loop/compiled")
 _SUFFIXES = (".py", ".dbc")
 _VERSIONS_KEPT = 4
@@ -127,7 +130,19 @@ def compiled_for_process(made: Any) -> Any:
     return again
 
 
+@cache
+def _load_numba() -> None:
+    """Load what numba knows of arrays without scipy, which takes longer than all of numba.
+
+    A step that multiplies matrices loads it when it is compiled.
+    """
+    loads_scipy, _linalg.ensure_blas = _linalg.ensure_blas, lambda: None
+    import_module("numba.np.arraymath")
+    _linalg.ensure_blas = loads_scipy
+
+
 def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
+    _load_numba()
     folder = _cache_folder()
     # Read by the next line.
     _config.CACHE_DIR, _config.CACHE_LOCATOR_CLASSES = str(folder or ""), _LOCATOR if folder else ""

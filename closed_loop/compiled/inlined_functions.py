@@ -4,6 +4,7 @@ numba makes machine code of every function, although nothing calls a step that i
 into the loop. Here such a function ends as LLVM's code, which its caller takes over.
 """
 
+from types import CodeType
 from typing import Any
 
 import numba
@@ -119,11 +120,16 @@ class InlinedCompiler(_compiler.CompilerBase):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[Any]:
         """Return the one pipeline."""
+        omitted = list(_OMITTED)
+        if not any(isinstance(each, CodeType) for each in self.state.func_id.code.co_consts):
+            omitted.append(untyped_passes.InlineClosureLikes)
+        if not self.state.flags.nrt:
+            omitted.append(typed_passes.IRLegalization)  # says where references end
         pipeline = _compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
         pipeline.passes = [
             (self.lowering if each is typed_passes.NativeLowering else each, text)
             for each, text in pipeline.passes
-            if each not in _OMITTED
+            if each not in omitted
         ]
         pipeline.finalize()
         return [pipeline]
