@@ -7,39 +7,22 @@ which. In virtual time the nodes would go on.
 """
 
 import math
-from collections.abc import Sequence
 from enum import StrEnum
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...controller.limits.designed_ranges import NOT_FORWARD_M_S, share_of_demand
+from ...controller.limits.designed_ranges import share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber, Mode
-from ...plant_emulator.path.path import Path, Pose
-from ...plant_emulator.path.path_from_settings import build_path
-from ...plant_emulator.path.settings import PathSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
-from ...plant_emulator.vehicle.car.car_design import car_motion_params
-from ...plant_emulator.vehicle.car.car_motion import CarInterval, CarMotionParams, GripPatch
-from ...plant_emulator.vehicle.car.settings import CarSettings
-from ...plant_emulator.vehicle.car.speed_control import SpeedLeg
-from ...plant_emulator.vehicle.car.steering_health import Failure
-from ...plant_emulator.vehicle.disturbance import DisturbanceInterval
-from ...plant_emulator.vehicle.motion_parameters import design_motion_arrays
+from ...plant_emulator.vehicle.car.car_motion import CarMotionParams
 from ...plant_emulator.vehicle.moving_vehicle import AnyMotionParams
-from ...plant_emulator.vehicle.settings import (
-    ActuatorSettings,
-    DisturbanceSettings,
-    VehicleSettings,
-)
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
-from ...runtime.settings import SettingsError
-from ...runtime.settings.plugin import Part, PartError, cause
-from .along_path import cg_deviations_m
+from ...runtime.settings.plugin import PartError, cause
 from .compilation import compiled_for_process
 from .hand_wheel import Wheel, refuse_hand_wheel, wheel_of
 from .law_code import NOT_COMPILED, CompiledLaw, LawCode, compiled_law, innermost_cause
@@ -66,6 +49,8 @@ from .loop_records import (
     empty_records,
 )
 from .memory import KEPT_BYTES, memory_of, unpacked
+from .motion_arrays import cg_deviations_m, compiled_motion
+from .refusals import SLOWEST_M_S, NotCompiledError, refuse
 from .schedule import (
     RunSchedule,
     inbox_of,
@@ -79,25 +64,6 @@ if TYPE_CHECKING:
 
 _guard = lru_cache(maxsize=256)(design_guard)
 """Kept for the next run with the same plant."""
-
-
-_MOTIONS_KEPT = 32
-"""Motions cached for the next run with the same plant: about 2 MB each."""
-
-
-_SLOWEST_M_S = 1.5 * NOT_FORWARD_M_S
-
-
-class FaultsNotCompiledError(SettingsError):
-    """The settings have faults, which act on raw frames; the compiled loop has no frames."""
-
-
-class OwnVehicleNotCompiledError(SettingsError):
-    """The vehicle's equations come from another package, and numba has no code for them."""
-
-
-class StandingNotCompiledError(SettingsError):
-    """The controller steers no vehicle that stands; only the nodes know when it does."""
 
 
 class _OverruledError(Exception):
@@ -212,29 +178,11 @@ def run_compiled(
                     share it
     ``hand_wheel``  of ``with_hand_wheel``, with the other two; None: there is none
 
-    Raises FaultsNotCompiledError for settings with faults, HandWheelNotCompiledError for those of a
-    hand wheel, OwnVehicleNotCompiledError for a vehicle of another package,
-    StandingNotCompiledError for a car that stands, LawNotCompiledError for a law of another package
-    that does not compile, and NothingArrivesError where no measurement would ever reach the
-    controller.
+    Raises NotCompiledError for what only the nodes run, and NothingArrivesError where no
+    measurement would ever reach the controller.
     """
-    of_frames = len(plant.faults) - len(plant.steering_failures)
-    if of_frames:
-        raise FaultsNotCompiledError(
-            f"faults: {of_frames} of frames given, but compiled runs have none; leave these out, or"
-            " run the nodes: steer-by-wire run"
-        )
+    refuse(plant)
     refuse_hand_wheel(plant, controller, hand_wheel)
-    if plant.vehicle.model is not None:
-        raise OwnVehicleNotCompiledError(
-            f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the plant's own equations"
-            " of motion alone; leave it out, or run the nodes: steer-by-wire run"
-        )
-    if plant.car is not None and any(v < _SLOWEST_M_S for _, v in plant.car.profile):
-        raise StandingNotCompiledError(
-            f"car.speed below {_SLOWEST_M_S:g} m/s: compiled runs have no car that stands; drive"
-            " faster, or run the nodes: steer-by-wire run"
-        )
     law = compiled_law(controller)
     if schedule is None:
         schedule = schedule_run(plant, controller, hand_wheel)
@@ -276,8 +224,8 @@ def _run_whole(
         raise _OverruledError
     if plant.safety.stop_m_s2 is not None and samples:
         slowest_m_s = float(records.samples[SPEED, :samples].min())
-        if slowest_m_s < _SLOWEST_M_S:
-            raise StandingNotCompiledError(
+        if slowest_m_s < SLOWEST_M_S:
+            raise NotCompiledError(
                 f"safety.stop_m_s2: the fallback has braked the car to {slowest_m_s:.2f} m/s, and"
                 " compiled runs have no car that stands; run the nodes: steer-by-wire run"
             )
@@ -334,7 +282,7 @@ def _run(
                     schedule.end_ns,
                 )  # fmt: skip
             except NOT_COMPILED as error:
-                raise OwnVehicleNotCompiledError(
+                raise NotCompiledError(
                     f"car.model = {own_car!r}: numba cannot compile it: {innermost_cause(error)};"
                     " the nodes run it as it is: steer-by-wire run"
                 ) from None
@@ -440,48 +388,3 @@ def _collected(
         motion=motion,
         wheel=wheel,
     )
-
-
-def compiled_motion(plant: PlantSettings) -> AnyMotionParams:
-    """Return the parameters of ``plant_motion_params``; equal plants share one."""
-    inputs = plant.vehicle, plant.car, plant.actuator, plant.path, plant.disturbance
-    return _designed(*inputs, plant.steering_failures, plant.parts)
-
-
-@lru_cache(maxsize=_MOTIONS_KEPT)
-def _designed(
-    vehicle: VehicleSettings,
-    car: CarSettings | None,
-    actuator: ActuatorSettings,
-    path: PathSettings,
-    disturbance: DisturbanceSettings,
-    failures: tuple[Failure, ...],
-    parts: tuple[Part, ...],
-) -> AnyMotionParams:
-    road = _road(path, parts)
-    if car is not None:
-        params: Any = car_motion_params(vehicle, car, actuator, road, disturbance, failures)
-        speed = params.speed._replace(legs=_rows(SpeedLeg, params.speed.legs))
-        intervals = _rows(CarInterval, params.intervals)
-        patches = _rows(GripPatch, params.patches)
-        made: AnyMotionParams = params._replace(speed=speed, intervals=intervals, patches=patches)
-        return made
-    linear = design_motion_arrays(vehicle, actuator, road, disturbance)
-    return linear._replace(intervals=_rows(DisturbanceInterval, linear.intervals))
-
-
-def _rows(kind: Any, records: Sequence[Any]) -> Any:
-    """Return records of a NamedTuple as an array that compiled code reads by their names."""
-    types = [(name, np.int64 if name == "start_ns" else np.float64) for name in kind._fields]
-    return np.array([tuple(record) for record in records], dtype=types)
-
-
-@lru_cache(maxsize=_MOTIONS_KEPT)
-def _road(settings: PathSettings, _parts: tuple[Part, ...]) -> Path:
-    path = build_path(settings)
-    arrays: dict[str, Any] = {
-        name: np.array(getattr(path, name))
-        for name in ("start_m", "curvature_1_m", "curvature_slope_1_m2")
-    }
-    arrays["pose"] = _rows(Pose, path.pose)
-    return path._replace(**arrays)

@@ -62,6 +62,7 @@ from .law_input import (
     wheel_on_wire_rad,
 )
 from .loop_records import CURVATURE, HEADING, MEASURED, SPEED, WHEEL
+from .refusals import NotCompiledError
 from .step_functions import chosen_by_type, register
 
 if TYPE_CHECKING:
@@ -170,10 +171,6 @@ def _register_steps() -> None:
         register(function)
 
 
-class HandWheelNotCompiledError(SettingsError):
-    """A hand wheel may steer, or its force takes part in the network; only the nodes have these."""
-
-
 @lru_cache(maxsize=256)
 def _reads_history(controller: ControllerSettings) -> bool:
     return design_law(controller).reads_history
@@ -182,25 +179,25 @@ def _reads_history(controller: ControllerSettings) -> bool:
 def refuse_hand_wheel(
     plant: PlantSettings, controller: ControllerSettings, hand_wheel: "HandWheelSettings | None"
 ) -> None:
-    """Raise HandWheelNotCompiledError for what a run without this hand wheel does not have."""
+    """Raise NotCompiledError for what a run without this hand wheel does not have."""
     for key, table in (
         ("plant.hand_wheel", plant.hand_wheel),
         ("plant.steering_force", plant.steering_force),
         ("controller.hand_wheel", controller.hand_wheel),
     ):
         if hand_wheel is None and table is not None:
-            raise HandWheelNotCompiledError(
+            raise NotCompiledError(
                 f"{key}: this compiled run has no hand wheel; leave it out, give one"
                 " (simulate(hand_wheel=)), or run the nodes: steer-by-wire run --hand-wheel still"
             )
     if hand_wheel is not None and _reads_history(controller):
-        raise HandWheelNotCompiledError(
+        raise NotCompiledError(
             f"law = {controller.law!r} reads the history of the bus, which compiled runs do not"
             " have with a hand wheel; run the nodes: steer-by-wire run --hand-wheel"
         )
     for way, line in (("downlink", plant.latency.downlink), ("uplink", plant.latency.uplink)):
         if hand_wheel is not None and line.has_trace:
-            raise HandWheelNotCompiledError(
+            raise NotCompiledError(
                 f"plant.latency.{way}: compiled runs have no trace of latencies with a hand wheel;"
                 " leave it out, or run the nodes: steer-by-wire run --hand-wheel"
             )

@@ -21,8 +21,8 @@ from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
 from ...hand_wheel.modes import FeedbackMode, RoadEvidence, feedback_mode_step, share_step
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
-from .arrivals import Arrivals, ToPlant, arrivals_of, sensor_noise
 from .law_input import Uplink
+from .network import Arrivals, ToPlant, arrivals_of, sensor_noise
 
 if TYPE_CHECKING:
     from ...hand_wheel.settings import HandWheelSettings

@@ -120,7 +120,7 @@ class InlinedCompiler(_compiler.CompilerBase):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[Any]:
         """Return the one pipeline."""
-        omitted = list(_OMITTED)
+        omitted: list[Any] = list(_OMITTED)
         if not any(isinstance(each, CodeType) for each in self.state.func_id.code.co_consts):
             omitted.append(untyped_passes.InlineClosureLikes)
         if not self.state.flags.nrt:

@@ -12,10 +12,10 @@ from ...controller.law_interface import NO_HISTORY, Law, LawInput, LawOutput, La
 from ...controller.laws.law_from_settings import LawDesign, design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber
-from ...runtime.settings import SettingsError
 from .compilation import compiled_for_process, compiled_inside
 from .loop_records import NOW_UNKNOWN
 from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, with_tables, write
+from .refusals import NotCompiledError
 from .schedule import empty_rings
 from .step_functions import law_plan, law_step, register_law, register_steps
 
@@ -33,10 +33,6 @@ _LAWS_KEPT = 256
 
 _SPEEDS_KEPT = 32
 """Params of a law kept at the speeds of the newest runs."""
-
-
-class LawNotCompiledError(SettingsError):
-    """numba cannot compile the law."""
 
 
 class LawCode(NamedTuple):
@@ -94,7 +90,7 @@ def plan_at(
 
 
 def compiled_law(controller: ControllerSettings) -> CompiledLaw:
-    """Return the law of the settings, compiled. Raises LawNotCompiledError.
+    """Return the law of the settings, compiled. Raises NotCompiledError.
 
     A law of another package is compiled again in every process, because it is unknown what its file
     depends on.
@@ -107,7 +103,7 @@ def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
     register_steps()
     design = design_law(controller)
     if design.asks_speed is not None:
-        raise LawNotCompiledError(
+        raise NotCompiledError(
             f"law = {controller.law!r} asks to slow down, which compiled runs do not carry: run the"
             " nodes (simulate, run, or a study with bus = {}), or set asks_to_slow_down = false"
         )
@@ -121,7 +117,7 @@ def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
         step = _address(_variant(step_at, own), kinds, NO_OUTPUT)
         plan = _address(_variant(plan_at, own), kinds, -1) if design.plan else 0
     except NOT_COMPILED as error:
-        raise LawNotCompiledError(
+        raise NotCompiledError(
             f"law = {controller.law!r}: numba cannot compile it: {innermost_cause(error)};"
             " the nodes run it as it is: steer-by-wire run"
         ) from None  # numba's own hundred lines say nothing more
@@ -131,7 +127,7 @@ def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
         memory, at = memory_of(params), design.params_at
         found = design.params if at is None or speed_m_s is None else at(speed_m_s)
         if found is None:
-            raise LawNotCompiledError(
+            raise NotCompiledError(
                 f"law = {controller.law!r}: no params at {speed_m_s:g} m/s: {design.mistake()}"
             )
         values, tables = with_tables(found)

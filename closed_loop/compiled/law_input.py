@@ -41,7 +41,6 @@ from ...plant_emulator.steering.control_unit import status_of
 from ...plant_emulator.steering.hold_and_fallback import GuardState
 from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
 from ...plant_emulator.vehicle.exact_propagation import LinearState
-from .along_path import write_ahead_1_m
 from .inlined_functions import INLINE
 from .loop_records import (
     ARRIVED_NS,
@@ -158,12 +157,34 @@ def record_signals(inbox: Inbox, sample: int, z: LinearState, guard: GuardState)
 
 
 @register_jitable(**INLINE)
+def _write_ahead_1_m(
+    path: Any, arc_length_m: float, spacing_m: float, row: Any, low_1_m: float, high_1_m: float
+) -> None:
+    """Write the values of one place into a row, as ``path.path.curvature`` has them."""
+    for index in range(len(row)):
+        along_m = arc_length_m + index * spacing_m
+        if path.closed:
+            lap = along_m // path.length_m
+            along_m -= lap * path.length_m
+        piece, end = 0, len(path.start_m)
+        while end - piece > 1:
+            middle = (piece + end) // 2
+            if path.start_m[middle] <= along_m:
+                piece = middle
+            else:
+                end = middle
+        slope_1_m2 = path.curvature_slope_1_m2[piece]
+        curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * (along_m - path.start_m[piece])
+        row[index] = min(max(curvature_1_m, low_1_m), high_1_m)
+
+
+@register_jitable(**INLINE)
 def record_ahead(inbox: Inbox, p: Any, sample: int, arc_length_m: float, speed_m_s: float) -> None:
     """Record the speed of a sample, and what is ahead on the path."""
     inbox.signals[SEEN_SPEED, sample] = speed_on_wire_m_s(speed_m_s)
     if len(inbox.path_ahead_1_m) > 0 and sample % inbox.samples_per_path == 0:
         row = inbox.path_ahead_1_m[sample // inbox.samples_per_path]
-        write_ahead_1_m(p.path, arc_length_m, inbox.path_spacing_m, row, _AHEAD_LOW, _AHEAD_HIGH)
+        _write_ahead_1_m(p.path, arc_length_m, inbox.path_spacing_m, row, _AHEAD_LOW, _AHEAD_HIGH)
         for index in range(len(row)):
             row[index] = quantised(row[index], PATH_RESOLUTION_1_M)
 

@@ -29,10 +29,10 @@ from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
-from .arrivals import Arrivals, arrivals_of, sensor_noise, to_plant_of
 from .hand_wheel_events import WheelEvents, wheel_events
 from .law_input import Uplink, quantised
 from .loop_records import DUE_NS, SENT_AT, Inbox, Instants, Segment
+from .network import Arrivals, arrivals_of, sensor_noise, to_plant_of
 from .step_functions import register_steps
 
 if TYPE_CHECKING:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.compilation import compiled, sources
-from steer_by_wire.closed_loop.compiled.engine import Outcome, compiled_motion, run_compiled
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.closed_loop.compiled.law_code import step_at
 from steer_by_wire.closed_loop.compiled.loop import run_segment
+from steer_by_wire.closed_loop.compiled.motion_arrays import compiled_motion
 from steer_by_wire.closed_loop.compiled.schedule import NothingArrivesError, schedule_run
 from steer_by_wire.closed_loop.compiled.step_functions import (
     advance_motion,

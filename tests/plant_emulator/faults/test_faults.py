@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import FaultsNotCompiledError, run_compiled
+from steer_by_wire.closed_loop.compiled.engine import run_compiled
+from steer_by_wire.closed_loop.compiled.refusals import NotCompiledError
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
@@ -245,6 +246,6 @@ def test_a_fault_that_cannot_be_is_refused_in_one_line(table: str, words: str) -
 
 def test_a_compiled_run_refuses_faults_in_one_line() -> None:
     settings = PlantSettings(faults=(fault(FaultKind.DROP, 1.0),))
-    with pytest.raises(FaultsNotCompiledError, match="compiled runs have none") as error:
+    with pytest.raises(NotCompiledError, match="compiled runs have none") as error:
         run_compiled(settings, controller_settings())
     assert len(str(error.value).splitlines()) == 1

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
-from steer_by_wire.closed_loop.compiled.law_code import LawNotCompiledError
+from steer_by_wire.closed_loop.compiled.refusals import NotCompiledError
 from steer_by_wire.closed_loop.compiled.step_functions import ForeignParamsError
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
@@ -191,7 +191,7 @@ def test_a_run_ends_where_it_fails_compiled_or_not(law: str) -> None:
 
 def test_compiled_one_without_params_at_the_speed_of_the_run_is_refused_in_one_line() -> None:
     with pytest.raises(
-        LawNotCompiledError, match=r"no params at 1\.\d+ m/s: ZeroDiv.* no gain at this speed$"
+        NotCompiledError, match=r"no params at 1\.\d+ m/s: ZeroDiv.* no gain at this speed$"
     ):
         run_compiled(plant_settings((), 1.0), controller(f"{LAWS}:NO_SCHEDULE"))
 
@@ -205,7 +205,7 @@ def test_compiled_one_without_params_at_the_speed_of_the_run_is_refused_in_one_l
     ],
 )
 def test_what_numba_cannot_compile_is_refused_in_one_line(law: str, cause: str) -> None:
-    with pytest.raises(LawNotCompiledError) as refused:
+    with pytest.raises(NotCompiledError) as refused:
         run_compiled(plant_settings(()), controller(f"{LAWS}:{law}"))
     start = f"law = 'tests.support.nodes.plugin_laws:{law}': numba cannot compile it: "
     nodes = "; the nodes run it as it is: steer-by-wire run"
