@@ -331,10 +331,12 @@ def _constants(
     *,
     reads_speed: bool,
 ) -> Constants:
-    speed_m_s = quantised_speed_m_s(plant.vehicle.speed_m_s)
-    share, alike_to_m_s = 1.0, -1.0 if reads_speed else controller.demand_ranges.tolerated_m_s_max
+    share, alike_to_m_s = 1.0, -1.0
     if plant.car is None:
+        speed_m_s = quantised_speed_m_s(plant.vehicle.speed_m_s)
         share, alike_to_m_s = share_of_demand(controller.demand_ranges, speed_m_s), math.inf
+    elif not reads_speed:
+        alike_to_m_s = controller.demand_ranges.tolerated_m_s_max
     return Constants(
         guard=_guard(plant.safety, plant.vehicle, plant.actuator),
         limits=controller.steer_limits,
