@@ -113,9 +113,17 @@ class SafetyReport:
     ) -> None:
         self._ranges, self._received, self._modes = ranges, received, modes
         self.validity = validity_of(self._ranges, None, None, True)
+        error, status, state = received.freshness(start_ns)
         self.facts = ControllerSafety(
-            *(0, 0, *received.freshness(start_ns), ControllerFault.NONE, _NO_OTHER),
-            *(self.validity, MotionRequest.NONE),
+            rejected=0,
+            lost=0,
+            lateral_error_freshness=error,
+            steering_status_freshness=status,
+            vehicle_state_freshness=state,
+            fault=ControllerFault.NONE,
+            second_sender=_NO_OTHER,
+            validity=self.validity,
+            motion_request=MotionRequest.NONE,
         )
         self._found_from: tuple[Any, ...] = ()
         """What the facts were found from, besides times."""
