@@ -44,21 +44,6 @@ class Lower(_Lower):  # type: ignore[misc]
             super().delvar(name)
 
 
-class InlinedLibrary(_Library):  # type: ignore[misc]
-    """Code as it is, without that of the functions it calls."""
-
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
-
-    def finalize(self) -> None:
-        """Leave linking and optimisation to the caller."""
-        for function in self._final_module.functions:
-            if not function.is_declaration:
-                function.linkage = "linkonce_odr"
-        self._shared_module, self._finalized = self._final_module, True
-        self._finalize_dynamic_globals()
-
-
 class CallerLibrary(_Library):  # type: ignore[misc]
     """Code with that of all functions it calls, linked and optimised once."""
 
@@ -75,6 +60,18 @@ class CallerLibrary(_Library):  # type: ignore[misc]
         for library in libraries:  # which grows
             libraries += [one for one in library._linking_libraries if one not in libraries]
         super().finalize()
+
+
+class InlinedLibrary(CallerLibrary):
+    """Code as it is, without that of the functions it calls."""
+
+    def finalize(self) -> None:
+        """Leave linking and optimisation to the caller."""
+        for function in self._final_module.functions:
+            if not function.is_declaration:
+                function.linkage = "linkonce_odr"
+        self._shared_module, self._finalized = self._final_module, True
+        self._finalize_dynamic_globals()
 
 
 @_machinery.register_pass(mutates_CFG=True, analysis_only=False)

@@ -87,7 +87,7 @@ _YAW_RATE_RAD_S_MAX = limits(VehicleState)["yaw_rate_rad_s"].maximum
 _SPEED_RESOLUTION_M_S = resolutions(VehicleState)["speed_m_s"]
 _SPEED_M_S_MAX = limits(VehicleState)["speed_m_s"].maximum
 _AHEAD_LOW, _AHEAD_HIGH = CURVATURES
-PATH_RESOLUTION_1_M = resolutions(PathAhead)["curvature_0_1_m"]
+_PATH_RESOLUTION_1_M = resolutions(PathAhead)["curvature_0_1_m"]
 _CURVATURE_RESOLUTION_1_M = resolutions(VehicleState)["preview_curvature_1_m"]
 _CURVATURE_1_M_MAX = limits(VehicleState)["preview_curvature_1_m"].maximum
 
@@ -186,7 +186,7 @@ def record_ahead(inbox: Inbox, p: Any, sample: int, arc_length_m: float, speed_m
         row = inbox.path_ahead_1_m[sample // inbox.samples_per_path]
         _write_ahead_1_m(p.path, arc_length_m, inbox.path_spacing_m, row, _AHEAD_LOW, _AHEAD_HIGH)
         for index in range(len(row)):
-            row[index] = quantised(row[index], PATH_RESOLUTION_1_M)
+            row[index] = quantised(row[index], _PATH_RESOLUTION_1_M)
 
 
 @register_jitable(**INLINE)

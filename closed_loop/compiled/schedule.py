@@ -48,7 +48,6 @@ class RunSchedule(NamedTuple):
 
     ``instants``   as the loop reads them, without what only some runs need; the next four are rows
                    of these
-    ``motion_s``   time of motion at each sample, 0 before it
     ``time_s``     of each sample since the motion's start, shape (samples since then,)
     ``tick_s``     of each tick, from the start of the run
     ``segments``   the controller's modes, in order
@@ -66,7 +65,6 @@ class RunSchedule(NamedTuple):
     command_tick: IntArray
     sample_ns: IntArray
     command_latency_ns: IntArray
-    motion_s: FloatArray
     time_s: FloatArray
     tick_s: FloatArray
     segments: tuple[Segment, ...]
@@ -193,7 +191,6 @@ def schedule_run(
         command_tick=instants.commands[SENT_AT],
         sample_ns=sample_ns,
         command_latency_ns=to_plant.latency_ns[is_command],
-        motion_s=motion_ns / NS_PER_S,
         time_s=np.multiply(motion_ns[is_moving], 1e-9),
         tick_s=np.multiply(tick_ns, 1e-9),
         segments=segments,
