@@ -54,6 +54,21 @@ def test_a_car_written_apart_is_as_far_off(preset: str, road: str, latency_s: fl
     assert run.peak_m == pytest.approx(other_m, rel=0.1, abs=0.01)
 
 
+@pytest.mark.parametrize("road", ["μ 0.5, 80 km/h", "μ 0.3, 100 km/h"])
+def test_the_default_limits_leave_half_the_grip_of_a_wet_road(road: str) -> None:
+    """At 200 ms, with noise and without play."""
+    plant = {key: it for key, it in plant_of(road, 0.2).items() if key != "plant.safety"}
+    noise = STUDY["base"]["plant"]["sensor_noise"]
+    plant |= {"plant.actuator.dead_band_rad": 0.0, "plant.path_ahead": {}}
+    plant |= {f"plant.sensor_noise.{key}": value for key, value in noise.items()}
+    plant |= {"controller.predictor.lateral_acceleration_m_s2_max": 3.0}
+    run = simulate(
+        *("highway_nominal", "highway_mpc"),
+        duration_s=DURATION_S, engine="compiled", overrides=plant,
+    )  # fmt: skip
+    assert 0.02 < run.peak_m < 0.15
+
+
 def test_a_bend_beyond_the_grip_is_held_by_slowing_down() -> None:
     """A lane change at 1.3 of the grip, known 3 s ahead: at its speed the car leaves the path."""
     plant = plant_of("μ 0.3, 100 km/h", 0.2)
