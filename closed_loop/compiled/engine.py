@@ -282,14 +282,18 @@ def _run(
                     schedule.end_ns,
                 )  # fmt: skip
             except NOT_COMPILED as error:
+                if own_car is None:
+                    raise
                 raise NotCompiledError(
                     f"car.model = {own_car!r}: numba cannot compile it: {innermost_cause(error)};"
                     " the nodes run it as it is: steer-by-wire run"
                 ) from None
             except Exception as error:
-                if own_car is not None:
-                    raise PartError(f"car model {own_car} raises {cause(error)}") from None
-                if controller.law_record.number is not LawNumber.CUSTOM:
+                is_own_law = controller.law_record.number is LawNumber.CUSTOM
+                if own_car is not None:  # compiled code does not tell which of the two it was
+                    law_too = f" or law {controller.law}" if is_own_law else ""
+                    raise PartError(f"car model {own_car}{law_too} raises {cause(error)}") from None
+                if not is_own_law:
                     raise
                 # As an output without numbers: the run ends at that tick.
                 return _filled(records.samples[ERROR]), _filled(records.ticks[SENT]), LAW_FAILED

@@ -174,6 +174,14 @@ def test_a_car_with_a_state_of_its_own_gives_the_same_bits_compiled() -> None:
         assert is_same == (gain == 0.0)
 
 
+def test_a_compiled_run_that_fails_names_car_and_law() -> None:
+    laws = {"controller.law": "tests.support.nodes.plugin_laws:DIVIDES"}
+    line = r"car model examples.own_car:STABLE or law tests.*:DIVIDES raises ZeroDivisionError"
+    with pytest.raises(SettingsError, match=line):
+        simulate("large_sedan", "highway_pd", duration_s=4.0, engine="compiled",
+                 overrides=laws | {"plant.car.model": STABLE})  # fmt: skip
+
+
 def test_compiled_runs_and_studies_refuse_other_equations(tmp_path: Path) -> None:
     line = r"vehicle\.model = 'tests.*:SAME': compiled runs have"
     with pytest.raises(SettingsError, match=line):
