@@ -53,7 +53,7 @@ class HandWheelSettings(Settings):
 class SteeringRule(NamedTuple):
     """The settings, as numbers; who steers is the code of a ``SteeredBy``.
 
-    ``always``  who steers whatever the torque, -1 for nobody
+    ``always``  who steers whatever the torque; -1: the torque decides
     ``rested``  who steers while the driver rests
     """
 
@@ -66,7 +66,7 @@ class SteeringRule(NamedTuple):
 
 
 class Steering(NamedTuple):
-    """Who steers, and when his torque last was that of a hand [ns]."""
+    """Who steers, and when the driver's torque last was that of a hand [ns]."""
 
     steered_by: int
     held_ns: int
@@ -105,8 +105,8 @@ def steering_step(
 ) -> Steering:
     """Return who steers from ``now_ns`` on.
 
-    ``torque_n_m``, ``age_ns``  of the driver, and of the message with it; NEVER_NS: there was none
-    ``can_steer``               whether the law can
+    ``torque_n_m``  of the driver, and ``age_ns`` of the message with it; NEVER_NS: there was none
+    ``can_steer``   whether the law can
     """
     if age_ns > p.timeout_ns:
         return Steering(_LAW, now_ns)
@@ -132,8 +132,8 @@ def assist_step(
 ) -> tuple[float, float]:
     """Return share and torque of the law on the hand wheel [N m], to the left positive.
 
-    ``assists``     whether the law does, by its command ``wanted_rad``
-    ``angle_rad``, ``rate_rad_s``  of the hand wheel
+    ``assists``    whether the law does, towards its command ``wanted_rad``
+    ``angle_rad``  of the hand wheel, and its rate ``rate_rad_s``
     """
     share = min(share + p.step, 1.0) if assists else max(share - p.step, 0.0)
     lack_rad = p.ratio * wanted_rad - angle_rad if assists else 0.0

@@ -20,7 +20,7 @@ from ...dbc.messages import Mode
 from ...runtime.node import NS_PER_MS
 from ..settings import ControllerSettings
 
-IN_WORDS: Mapping[Mode, str] = {
+MODE_IN_WORDS: Mapping[Mode, str] = {
     Mode.WAITING: "WAITING for the plant's first LATERAL_ERROR",
     Mode.ACTIVE: "ACTIVE: the law steers",
     Mode.HOLDING: "HOLDING the last command: no measurements, no motion forward, or the law failed",

@@ -35,7 +35,7 @@ from .command_frames import CommandFrames
 from .driver_link import DriverLink
 from .law_runner import LawRunner
 from .model_fit import COMPARED, fit_params, fit_report, fit_step, start_fit
-from .modes import IN_WORDS, Supervisor, supervision_of
+from .modes import MODE_IN_WORDS, Supervisor, supervision_of
 from .newest_messages import RECEIVED, SENT, Received, plant_text
 from .plausibility import Plausibility, Reported, mean_motion, nominal_vehicle
 from .reported_delay import NO_ECHO, delay_status, echo_delay_s, echo_rule, echo_step
@@ -226,7 +226,7 @@ class ControllerNode:
         reception, freshness = received.reception, received.freshness(now_ns)
         contradiction = self._plausibility.contradiction
         states = {
-            "mode": IN_WORDS[mode],
+            "mode": MODE_IN_WORDS[mode],
             "plant": plant_text(freshness, ends_with_plant=self._ends_with_plant),
             "second sender": second_sender_line(reception.second_senders),
             "signals": contradiction and f"warning: signals of the plant: {contradiction}",
