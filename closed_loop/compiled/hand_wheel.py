@@ -94,7 +94,7 @@ class Wheel(NamedTuple):
     ``ratio``        as HAND_WHEEL_FEEDBACK carries it; ``first_ratio``: before that
     ``force_n``      of each reading, as on the wire
     ``*_wire``       of each cycle, as HAND_WHEEL_STATE carries it
-    ``by_sight_rad`` wish of each cycle behind the one before the first
+    ``by_sight_rad`` the driver's wish at each cycle, after the one that he starts with
     ``samples``      angle, rate, torques of driver and motor at each cycle, NaN before it
     ``heard_n``      force on the rack as it was last heard, NaN for a law that reads none
     ``steered_by``, ``order_n_m``  of each tick, as HAND_WHEEL_FEEDBACK carries them
@@ -131,6 +131,7 @@ class WheelProgress(NamedTuple):
 
     ``event``        the next one
     ``rested``       entry of ``by_sight_rad`` since which the driver has not rested
+    ``told_n_m``     torque that the motor is told [N m]
     """
 
     event: int

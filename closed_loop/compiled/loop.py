@@ -378,7 +378,7 @@ def _run_ticks(
                 write(now_known, Now(vehicle, NOW_UNKNOWN.loop_delay))
             acting_rad = sent_rad
             if len(s.in_use) > STATUS_SAMPLE and s.in_use[STATUS_SAMPLE, now] >= 0:
-                # As ``Received.acting_rad`` of a node.
+                # As ``controller.node.newest_messages.acting_rad``.
                 overruled_rad = r.samples[OVERRULED, np.uintp(s.in_use[STATUS_SAMPLE, now])]
                 acting_rad = overruled_rad if math.isfinite(overruled_rad) else sent_rad
             observed = (law.params, law.state, history, now_known, error_m, acting_rad)
