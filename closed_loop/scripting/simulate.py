@@ -186,7 +186,7 @@ def by_side(
     if has_hand_wheel:
         values["hand_wheel"] = {}
     for key, value in {**overrides, **named, **varied}.items():
-        side, _, name = SHORT.get(key, key).partition(".")
+        side, _, name = key.partition(".")
         if side not in values or not name:
             known = " nor ".join(f"{each}." for each in values)
             raise SettingsError(f"overrides: key {key} starts with neither {known}")

@@ -130,6 +130,7 @@ def sweep(
         "loss": loss,
         "latencies": latencies,
     }
+    overrides = {SHORT.get(key, key): value for key, value in overrides.items()}
     if "jitter_s" in factors:
         overrides = {**overrides, **GAMMA}
     values = by_side(own, overrides)

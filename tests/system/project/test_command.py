@@ -200,7 +200,7 @@ def completions(line: str, tmp_path: Path) -> set[str]:
     [
         ("steer-by-wire stu", {"study"}),
         ("steer-by-wire check --p", {"--preset"}),
-        ("steer-by-wire bus --", {"--address", "--bitrate", "--json"}),
+        ("steer-by-wire bus --", {"--address", "--bitrate"}),
         ("steer-by-wire run --preset pap", {"paper_nominal", "paper_pd"}),
         ("steer-by-wire run --set plant.latency.up", {"plant.latency.uplink.mean_s="}),
         ("steer-by-wire controller --law pd_", {"pd_dob", "pd_cdob", "pd_ddob"}),
