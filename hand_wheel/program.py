@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser(
         NAME,
         "Emulate hand wheel and driver on a CAN bus, with torque by what the road does.",
-        f"{NAME} --preset loose --set feedback.law=cdob",
+        f"{NAME} --preset hands_off --set feedback.law=cdob",
         PRESETS,
         HandWheelSettings,
     )
