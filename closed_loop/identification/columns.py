@@ -87,6 +87,8 @@ def read_columns(file: Path, mapping: Path | None = None) -> list[Channel]:
             f" steer-by-wire identify new {file} proposes a mapping"
         )
     layout, rows = read_number_table(file, (tuple(wanted),))
+    if not rows:
+        raise SettingsError(f"{file}: has no row below its heading")
     if len(rows) > _ROWS_MAX:
         raise SettingsError(f"{file}: has over {_ROWS_MAX} rows: cut it")
     numbers = np.array([*convert_cells(file, rows, _number, "numbers")])

@@ -105,6 +105,12 @@ def test_a_proposed_mapping_reads_its_table(tmp_path) -> None:
     assert by_quantity[Quantity.YAW_RATE] == pytest.approx([0.1, 0.2])
 
 
+def test_a_table_of_a_heading_alone_is_refused(tmp_path) -> None:
+    (tmp_path / "log.csv").write_text("time_s,yaw_rate_rad_s\n")
+    with pytest.raises(SettingsError, match="has no row below its heading"):
+        read_columns(tmp_path / "log.csv")
+
+
 @pytest.mark.parametrize(
     ("line", "what"),
     [("unit = 'furlong'", "allowed is rad, deg, mrad"), ("unit = 'rad'\ncolumn = 'x'", "has no")],
