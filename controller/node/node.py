@@ -118,6 +118,8 @@ class ControllerNode:
     def leave_out(self, missing: frozenset[str]) -> None:
         """Take the named signals of the plant for missing on this bus."""
         self._plausibility.leave_out(missing)
+        # Of a car's messages, that of the wheel's angle stands for the echo.
+        self._figures.hears_effects = "wheel_angle_rad" not in missing
         if missing & COMPARED:
             self._fit_params = None
 

@@ -74,6 +74,8 @@ class RunFigures:
     def __init__(self, start_ns: int, period_ns: int, samples_max: int) -> None:
         self.last_tick_ns = self._effect_ns = start_ns
         self._period_ns = period_ns
+        self.hears_effects = True
+        """Whether the plant's messages on this bus echo commands."""
         self.round_trip = DurationStatistics()
         self.sample_age = DurationStatistics()
         self.samples: list[ControlSample] = []
@@ -138,7 +140,7 @@ class RunFigures:
         ``active_share``   of the time since the first measurement in which the law steered: its
                            ticks, each for one period
         ``in_effect``      commands that were seen to take effect, and ``no_effect_s``, the time
-                           since the last of them
+                           since the last of them; 0 on a bus without echoes
         ``measured_*``     of the lateral error that the law used
         ``limited_share``  of the law's commands that ``[limits]`` changed, and by which limit
         ``validity_share``  of the run's time in each state of VALIDITY
@@ -153,7 +155,8 @@ class RunFigures:
         ticks = max(self._law_ticks, 1)
         steered_ns = self._law_ticks * self._period_ns
         round_trip = self.round_trip.summary()
-        in_effect, silent_ns = round_trip.samples, self.last_tick_ns - self._effect_ns
+        in_effect = round_trip.samples
+        silent_ns = self.last_tick_ns - self._effect_ns if self.hears_effects else 0
         return {
             "verdict": str(control_verdict(failure, self._mode, silent_ns, self._period_ns)),
             "active_share": min(1.0, steered_ns / (since_start_ns + self._period_ns)),

@@ -114,6 +114,15 @@ def test_commands_that_never_took_effect_are_a_failure(capsys: pytest.CaptureFix
     assert "failed: verdict == no effect" in capsys.readouterr().err
 
 
+def test_a_bus_without_echoes_says_nothing_of_effect() -> None:
+    controller = node()
+    controller.leave_out(frozenset({"wheel_angle_rad"}))
+    driven(Unheard(controller))
+    text, status = ending(controller)
+    assert text.startswith("in control at the end")
+    assert status is ExitStatus.OK
+
+
 def test_each_of_two_controllers_on_one_bus_reports_the_other() -> None:
     first, second = node(), node(2.0)
     driven(first, second)
