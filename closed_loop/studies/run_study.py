@@ -115,6 +115,9 @@ def sweep(
     """
     if hand_wheel is not None:
         raise SettingsError("sweep: hand_wheel: no run of a sweep has one; take simulate")
+    for key, levels in over.items():
+        if isinstance(levels, str) or not isinstance(levels, Iterable):
+            raise SettingsError(f"sweep over {key}: takes a list of values, not {levels!r}")
     factors = {key: list(values) for key, values in over.items() if key != "controller"}
     for key in ("plant", "vehicle", "bus"):
         if key in factors:

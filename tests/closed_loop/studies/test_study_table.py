@@ -163,6 +163,8 @@ def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set
         ({"over": {"plant.sed": [1]}}, r"sweep: factor sed: .*sed"),
         ({"over": {"loss": [2.0]}}, r"loss = 2\.0 should be less than or equal to 1"),
         ({"over": {"controller": ["practical_p"]}}, r"practical_p.*did you mean practical_pd"),
+        ({"over": {"controller": "practical_pd"}}, "sweep over controller: takes a list of values"),
+        ({"over": {"latency_s": 0.1}}, r"sweep over latency_s: takes a list of values, not 0\.1"),
         ({"over": {"plant": ["paper_nominal"]}}, r"sweep over plant: takes one; sweep over keys"),
         ({"over": {}, "latencies": []}, "latencies: holds none"),
         ({"over": {}, "overrides": {"sed": 1}}, r"key sed starts with neither plant\. nor"),
