@@ -4,6 +4,8 @@ steer-by-wire hand-wheel --preset hands_off -i socketcan -c vcan0 --set feedback
 """
 
 import argparse
+import csv
+import io
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -20,6 +22,7 @@ from ..dbc.messages import (
 )
 from ..runtime.command_line import output_file, run_main
 from ..runtime.node import ReportingNode
+from ..runtime.output_file import write_text
 from ..runtime.program.fail_if_conditions import (
     LOOP_QUANTITIES,
     Ending,
@@ -29,11 +32,12 @@ from ..runtime.program.fail_if_conditions import (
 from ..runtime.program.node_options import load_program_settings, make_parser
 from ..runtime.program.run_node import run_node
 from ..runtime.settings import SettingsError
-from .node import RECEIVED, SENT, HandWheelNode
+from .node import RECEIVED, SENT, HandWheelNode, HandWheelSample
 from .settings import PRESETS, HandWheelSettings, shared_vehicle
-from .trace import SAMPLES_MAX, write_hand_wheel_trace
 
 NAME = "steer-by-wire hand-wheel"
+SAMPLES_MAX = 10_000_000
+"""In the trace of a run."""
 _OURS = (SteeringForce, HandWheelState, HandWheelFeedback, HandWheelStatus)
 """What no signal of a car carries."""
 QUANTITIES = {
@@ -64,6 +68,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_dialect_argument(parser)
     parser.set_defaults(key_file=None)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def write_hand_wheel_trace(file: Path, samples: Sequence[HandWheelSample]) -> None:
+    """Write one row a cycle as CSV, with the names of the fields; raises OSError."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(HandWheelSample._fields)
+    rows.writerows((*sample[:-2], sample.mode.name, sample.steered_by.name) for sample in samples)
+    write_text(file, text.getvalue())
 
 
 def refuse_dialect(language: BusLanguage) -> None:

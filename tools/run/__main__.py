@@ -32,9 +32,9 @@ from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
+from steer_by_wire.hand_wheel.program import write_hand_wheel_trace
 from steer_by_wire.hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
-from steer_by_wire.hand_wheel.trace import write_hand_wheel_trace
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS

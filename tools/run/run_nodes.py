@@ -18,8 +18,8 @@ from ...closed_loop.pair.virtual_pair import (
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...hand_wheel.node import HandWheelNode
+from ...hand_wheel.program import SAMPLES_MAX as HAND_WHEEL_SAMPLES_MAX
 from ...hand_wheel.settings import HandWheelSettings
-from ...hand_wheel.trace import SAMPLES_MAX as HAND_WHEEL_SAMPLES_MAX
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.bus_model.transmit_queue import BusOverflowError
