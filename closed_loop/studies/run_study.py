@@ -133,9 +133,10 @@ def sweep(
         "loss": loss,
         "latencies": latencies,
     }
+    varies = "jitter_s" in {*factors, *overrides}
     overrides = {SHORT.get(key, key): value for key, value in overrides.items()}
-    if "jitter_s" in factors:
-        overrides = {**overrides, **GAMMA}
+    if varies:
+        overrides |= GAMMA
     values = by_side(own, overrides)
     driven = settings_of(PlantSettings, plant, values["plant"], vehicle)
     refuse_jitter_around_nothing(jitter_s, driven)

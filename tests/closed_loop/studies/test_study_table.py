@@ -137,6 +137,9 @@ def test_a_sweep_has_a_row_for_every_combination() -> None:
     late = (table["latency_s"] == 0.1) & (table["controller"] == "pd 2")
     fixed = sweep({"controller": [own]}, latency_s=0.1, jitter_s=0.02, duration_s=2.0)
     assert fixed["rms_m"][0] == table["rms_m"][late & (table["jitter_s"] == 0.02)][0]
+    network = {"latency_s": 0.1, "jitter_s": 0.02}
+    named = sweep({"controller": [own]}, overrides=network, duration_s=2.0)
+    assert named["rms_m"][0] == fixed["rms_m"][0]
     assert len(np.unique(table["rms_m"][late])) == 3
 
 
