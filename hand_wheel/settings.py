@@ -10,12 +10,12 @@ from ..dbc.codec.counter_rule import CounterRule
 from ..runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import Settings, SharedTable, read_table
+from .analysis.nominal_road import Rack, RoadVehicle, road_torque
+from .analysis.sampled_laws import kept_of, sampled_model
 from .cycle import CycleParams
 from .driver import BLIND, DriverParams, Kick, TwoPointParams
 from .feedback_laws import FEEDBACK_LAWS, FeedbackParams
 from .modes import FeedbackSupervision
-from .nominal_road import Rack, RoadVehicle, road_torque
-from .sampled_laws import kept_of, sampled_model
 from .wheel import GRIPS, HandWheel, LinearSystem
 from .wheel_step import WheelParams, wheel_params
 

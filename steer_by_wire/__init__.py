@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .controller.laws import Law, LawInput, LawOutput
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
-    from .hand_wheel.wheel_alone import FeedbackStability, feedback_stability
+    from .hand_wheel.analysis.wheel_alone import FeedbackStability, feedback_stability
     from .plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
     from .plant_emulator.path.settings import PathModel
     from .plant_emulator.path.waypoints import path_through
@@ -35,7 +35,7 @@ _NAMES = {
     "controller.laws": ("Law", "LawInput", "LawOutput"),
     "controller.settings": ("ControllerSettings",),
     "dbc.messages": ("Mode",),
-    "hand_wheel.wheel_alone": ("FeedbackStability", "feedback_stability"),
+    "hand_wheel.analysis.wheel_alone": ("FeedbackStability", "feedback_stability"),
     "plant_emulator.path.settings": ("PathModel",),
     "plant_emulator.path.ellipse_and_lane_changes": ("path_of_curvature",),
     "plant_emulator.settings": ("PlantSettings",),

@@ -2,10 +2,14 @@
 
 import numpy as np
 
-from ...hand_wheel.nominal_road import Rack, RoadVehicle
-from ...hand_wheel.nominal_road import road_torque as nominal_road_torque
-from ...hand_wheel.sampled_laws import PASS_THROUGH, sampled_cdob
-from ...hand_wheel.sampled_loop import SampledFeedback, sampled_feedback, unstable_round_trips
+from ...hand_wheel.analysis.nominal_road import Rack, RoadVehicle
+from ...hand_wheel.analysis.nominal_road import road_torque as nominal_road_torque
+from ...hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
+from ...hand_wheel.analysis.sampled_loop import (
+    SampledFeedback,
+    sampled_feedback,
+    unstable_round_trips,
+)
 from ...hand_wheel.settings import HandWheelSettings
 from ...hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
 from ...plant_emulator.settings import PlantSettings

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from steer_by_wire import SettingsError, feedback_stability
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
-from steer_by_wire.hand_wheel.sampled_laws import PASS_THROUGH, sampled_cdob
-from steer_by_wire.hand_wheel.sampled_loop import (
+from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
+from steer_by_wire.hand_wheel.analysis.sampled_loop import (
     SampledFeedback,
     sampled_feedback,
     tolerated_jitter_s,

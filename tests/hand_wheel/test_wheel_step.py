@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 from steer_by_wire import feedback_stability
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
-from steer_by_wire.hand_wheel.sampled_laws import zero_order_hold
-from steer_by_wire.hand_wheel.sampled_loop import (
+from steer_by_wire.hand_wheel.analysis.sampled_laws import zero_order_hold
+from steer_by_wire.hand_wheel.analysis.sampled_loop import (
     SampledFeedback,
     sampled_feedback,
     unstable_round_trips,

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque, spring_torque
+from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
+from steer_by_wire.hand_wheel.analysis.sampled_loop import sampled_feedback, unstable_round_trips
 from steer_by_wire.hand_wheel.node import HandWheelNode
-from steer_by_wire.hand_wheel.sampled_laws import PASS_THROUGH, sampled_cdob
-from steer_by_wire.hand_wheel.sampled_loop import sampled_feedback, unstable_round_trips
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
 from steer_by_wire.plant_emulator.node.node import PlantNode

@@ -20,8 +20,8 @@ from typing import Any
 
 from ...dbc.bus_language import add_dialect_argument, read_language
 from ...dbc.messages import CAN_IDS, COMMAND_COUNTERS, Mode, Sender, SteeringCommand
+from ...hand_wheel.analysis.sampled_laws import kept_of
 from ...hand_wheel.node import RECEIVED, HandWheelNode
-from ...hand_wheel.sampled_laws import kept_of
 from ...hand_wheel.settings import HandWheelSettings
 from ...hand_wheel.wheel import GRIPS, Grip
 from ...hand_wheel.wheel_step import Hands

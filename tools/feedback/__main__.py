@@ -27,8 +27,8 @@ from rich.table import Table
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console, plain_table
 from steer_by_wire.closed_loop.scripting.feedback import UP_TO_S, Rack, road_torque
-from steer_by_wire.hand_wheel.sampled_laws import PASS_THROUGH, sampled_cdob
-from steer_by_wire.hand_wheel.sampled_loop import (
+from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
+from steer_by_wire.hand_wheel.analysis.sampled_loop import (
     UnstableRange,
     sampled_feedback,
     tolerated_jitter_s,

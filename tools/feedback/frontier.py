@@ -23,14 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque, spring_torque
-from steer_by_wire.hand_wheel.sampled_laws import (
+from steer_by_wire.hand_wheel.analysis.sampled_laws import (
     PASS_THROUGH,
     SampledLaw,
     model_alone,
     sampled_cdob,
     sampled_dob,
 )
-from steer_by_wire.hand_wheel.sampled_loop import (
+from steer_by_wire.hand_wheel.analysis.sampled_loop import (
     SampledFeedback,
     sampled_feedback,
     unstable_round_trips,

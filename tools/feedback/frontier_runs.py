@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from steer_by_wire.hand_wheel.sampled_laws import zero_order_hold
+from steer_by_wire.hand_wheel.analysis.sampled_laws import zero_order_hold
 from steer_by_wire.tools.feedback.frontier import (
     BAND_RAD_S,
     GRADIENT_FACTORS,

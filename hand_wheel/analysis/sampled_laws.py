@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from .wheel import LinearSystem, Matrix, Row, Rows
+from ..wheel import LinearSystem, Matrix, Row, Rows
 
 
 class SampledLaw(NamedTuple):

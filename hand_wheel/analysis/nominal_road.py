@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .wheel import LinearSystem
+from ..wheel import LinearSystem
 
 
 class Rack(NamedTuple):

@@ -19,7 +19,7 @@ Journal of Robotic Systems 14(1), 1997, without their half period of the hold).
 from math import atan2, isfinite, pi, sqrt
 from typing import NamedTuple
 
-from ..runtime.settings import SettingsError
+from ...runtime.settings import SettingsError
 
 
 class FeedbackStability(NamedTuple):

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, schur
 
+from ..wheel import LinearSystem, Matrix
 from .sampled_laws import PASS_THROUGH, SampledLaw, zero_order_hold
-from .wheel import LinearSystem, Matrix
 
 _FREQUENCY_MIN_RAD_S = 1e-3
 _FREQUENCIES = 4000
