@@ -1,5 +1,6 @@
 """The page of ``steer-by-wire identify``: pictures, intervals, and what to drive next."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,10 +10,13 @@ from scipy.signal import csd
 from steer_by_wire.closed_loop.identification.figures import Figure, Verdict
 from steer_by_wire.closed_loop.identification.identified import Identification
 from steer_by_wire.closed_loop.identification.response import STEP_S, respond, seen
+from steer_by_wire.closed_loop.identification.time_series import Quantity
 from steer_by_wire.closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from steer_by_wire.closed_loop.reports.plot_style import plot_style, png_of
 
 _MARKS = {Verdict.IDENTIFIED: "good", Verdict.COMBINATION: "fair", Verdict.NOT_IDENTIFIABLE: "poor"}
+_UNITS = {Quantity.YAW_RATE: "rad/s", Quantity.LATERAL_ACCELERATION: "m/s²"}
+_UNIT_OF_NAME = re.compile("_(rad_s|deg_s|m_s2|g)$")
 _WINDOW_S, _HZ_MAX, _COHERENT = 8.0, 4.0, 0.8
 
 
@@ -69,7 +73,8 @@ def _response_picture(found: Identification) -> Picture:
         for axes, samples in zip(panels, found.samples, strict=True):
             axes.plot(samples.time_s, samples.values, label="measured")
             axes.plot(samples.time_s, seen(samples, response, values), label="simulated")
-            axes.set_ylabel(samples.channel.name.replace("_", " "), fontsize=8)
+            name = _UNIT_OF_NAME.sub("", samples.channel.name).replace("_", " ")
+            axes.set_ylabel(f"{name} [{_UNITS[samples.channel.quantity]}]", fontsize=8)
         panels[0].legend(ncols=2)
         panels[-1].set_xlabel("time [s]")
     return Picture(png_of(canvas), "measured and simulated over time")
