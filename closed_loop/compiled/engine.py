@@ -25,7 +25,7 @@ from ...runtime.node import NS_PER_S
 from ...runtime.settings.plugin import PartError, cause
 from .compilation import compiled_for_process
 from .hand_wheel import Wheel, refuse_hand_wheel, wheel_of
-from .law_code import NOT_COMPILED, CompiledLaw, LawCode, compiled_law, innermost_cause
+from .law_code import CompiledLaw, LawCode, compiled_law, innermost_cause, is_of_numba
 from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, quantised
 from .loop import COMPLETE, IS_OVERRULED, LAW_FAILED, SPEED_CHANGED, TAKEN_OVER, run_segment
 from .loop_records import (
@@ -281,15 +281,13 @@ def _run(
                     code, motion, constants, instants, records, inbox, wheel, segment, is_start,
                     schedule.end_ns,
                 )  # fmt: skip
-            except NOT_COMPILED as error:
-                if own_car is None:
-                    raise
-                raise NotCompiledError(
-                    f"car.model = {own_car!r}: numba cannot compile it: {innermost_cause(error)};"
-                    " the nodes run it as it is: steer-by-wire run"
-                ) from None
             except Exception as error:
                 is_own_law = controller.law_record.number is LawNumber.CUSTOM
+                if own_car is not None and is_of_numba(error):
+                    raise NotCompiledError(
+                        f"car.model = {own_car!r}: numba cannot compile it:"
+                        f" {innermost_cause(error)}; the nodes run it as it is: steer-by-wire run"
+                    ) from None
                 if own_car is not None:  # compiled code does not tell which of the two it was
                     law_too = f" or law {controller.law}" if is_own_law else ""
                     raise PartError(f"car model {own_car}{law_too} raises {cause(error)}") from None

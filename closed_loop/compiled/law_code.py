@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache, lru_cache
+from traceback import walk_tb
 from typing import Any, NamedTuple
 
 import numba
@@ -25,7 +26,7 @@ _numba: Any = numba
 NO_OUTPUT = LawOutput(0.0, 0.0, 0.0, 0.0)
 
 _FAILED = "Failed in nopython mode pipeline"
-NOT_COMPILED = (NumbaError, UnsupportedBytecodeError, AssertionError, NotImplementedError)
+_NOT_COMPILED = (NumbaError, UnsupportedBytecodeError, AssertionError, NotImplementedError)
 """What numba raises for Python that it does not know; only the first of them is a NumbaError."""
 _LAWS_KEPT = 256
 """Laws cached for the next run with the same controller; designing one costs a tenth of a run."""
@@ -116,7 +117,7 @@ def _compiled(controller: ControllerSettings, record: Law) -> CompiledLaw:
         kinds = _argument_kinds(design, like, start)
         step = _address(_variant(step_at, own), kinds, NO_OUTPUT)
         plan = _address(_variant(plan_at, own), kinds, -1) if design.plan else 0
-    except NOT_COMPILED as error:
+    except _NOT_COMPILED as error:
         raise NotCompiledError(
             f"law = {controller.law!r}: numba cannot compile it: {innermost_cause(error)};"
             " the nodes run it as it is: steer-by-wire run"
@@ -160,6 +161,12 @@ def _address(function: Any, kinds: tuple[Any, ...], like: Any) -> int:
     made = function.overloads[kinds]
     address: int = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
     return address
+
+
+def is_of_numba(error: Exception) -> bool:
+    """Whether numba itself has raised an error, and not what it has compiled."""
+    *_, (frame, _) = walk_tb(error.__traceback__)
+    return str(frame.f_globals.get("__name__")).startswith("numba.")
 
 
 def innermost_cause(error: Exception) -> str:

@@ -1,5 +1,6 @@
 """Compiled functions on disk: one process compiles what several need."""
 
+import json
 import os
 import random
 import shutil
@@ -7,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import pytest
 
 from steer_by_wire.closed_loop.compiled.compilation import (
@@ -14,6 +16,7 @@ from steer_by_wire.closed_loop.compiled.compilation import (
     _forget_unused,
     _in_one_process,
 )
+from steer_by_wire.closed_loop.compiled.law_code import is_of_numba
 
 COMPILE_AND_COUNT = """
 import os
@@ -99,3 +102,18 @@ def test_code_that_no_disk_takes_is_not_kept(tmp_path: Path) -> None:
     DigestedFiles(str(no_folder), "step", "stamp").save("key", ["code"])
     waiting = _in_one_process(lambda arguments: arguments, "step", no_folder / "locks")
     assert waiting("compiled") == "compiled"
+
+
+def test_what_compiled_code_raises_is_no_error_of_numba() -> None:
+    def falls(x: float) -> float:
+        if x > 0.0:
+            raise NotImplementedError
+        return x
+
+    def unknown(x: float) -> str:
+        return json.dumps(x)
+
+    for function, is_numbas in ((falls, False), (unknown, True)):
+        with pytest.raises(Exception) as raised:  # noqa: PT011 of two kinds
+            numba.njit(function)(1.0)
+        assert is_of_numba(raised.value) == is_numbas
