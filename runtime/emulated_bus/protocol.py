@@ -12,9 +12,9 @@ the client's process, so "the socket is readable" means "a frame is waiting", as
     answer   magic:8 bitrate:4 data_bitrate:4 reason:160                      broker to client
     record   time_ns:8 frame:16 or 72, as Linux has it (``socketcan_layout``)  both ways
 
-All little-endian. Texts are UTF-8, filled up with zeros. A bit rate of 0 in a hello is "whatever
-the bus has". ``time_ns`` is the end of the frame in nanoseconds of the wall clock, 0 towards the
-broker.
+All little-endian, but the frame, whose byte order is the machine's. Texts are UTF-8, filled up with
+zeros. A bit rate of 0 in a hello is "whatever the bus has". ``time_ns`` is the end of the frame in
+nanoseconds of the wall clock, 0 towards the broker.
 """
 
 from struct import Struct
