@@ -107,7 +107,8 @@ class AscReader:
     ) -> Frame | None:
         """Return a frame that was on the bus; None for a request to send it."""
         word = identifier.rstrip("xX")
-        if identifier.isidentifier() and not _HEXADECIMAL.fullmatch(word):
+        is_number = word.isdecimal() if self._base == 10 else _HEXADECIMAL.fullmatch(word)
+        if identifier.isidentifier() and not is_number:
             raise NoFrameError("a name in place of the identifier: export it as number")
         flags |= EXTENDED if word != identifier else 0
         frame = _frame(_number(word, self._base), flags, words, length, self._base)
