@@ -11,7 +11,7 @@ STAMP := $(VENV)/.installed
 demo: $(STAMP)
 	$(BIN)/steer-by-wire demo --out out/demo
 
-# Three processes for two cores, since many tests wait for programs. These are started by the hundred,
+# Four processes for two cores, since many tests wait for programs. These are started by the hundred,
 # so that what Python compiles is kept, also where the environment says otherwise.
 test: $(STAMP)
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 4 --dist loadfile
