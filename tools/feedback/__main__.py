@@ -180,8 +180,9 @@ def _show_frontier(options: argparse.Namespace, vehicle: VehicleParams) -> int:
     )
     points = frontier(bench)
     title = f"{options.preset}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
+    marks = "F, I, J: shakes with friction, ice, jitter"
     tables = [
-        _frontier_table(points, f"felt torque changed by [%], {title}", _changed),
+        _frontier_table(points, f"felt torque changed by [%], {title}; {marks}", _changed),
         _frontier_table(points, "a change of the road felt after [ms]", _late),
     ]
     record = [
@@ -203,7 +204,7 @@ def _frontier_table(points: Sequence[Point], title: str, cell: Callable[[Point],
 
 
 def _changed(point: Point) -> str:
-    """Return the error; F, I, J: the wheel shakes in the run with friction, ice or jitter."""
+    """Return the error, and the runs in which the wheel shakes."""
     marks = "".join(condition[0].upper() for condition in point.fails)
     return "none" if point.design is None else f"{1e2 * point.changed:.0f}{marks and f' {marks}'}"
 
