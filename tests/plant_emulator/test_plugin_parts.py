@@ -83,6 +83,7 @@ def faster(p: Params, x: CarState, own: Any, u: CarInput, h_s: float) -> tuple[C
 
 
 NOT_ITS_OWN = CarModel(lambda built_in, _own: built_in, STABLE.start, STABLE.step)
+OTHER_START = STABLE._replace(start=lambda p: STABLE.start(p))
 ONE_STATE = CarModel(
     lambda built_in, _own: Other(built_in, 0.0, 0.0, 1.0),
     STABLE.start,
@@ -247,6 +248,13 @@ def test_what_is_wrong_with_it_is_said_in_one_line(overrides: dict[str, Any], li
         run(overrides)
     assert line in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
+
+
+def test_two_cars_of_one_kind_of_params_are_refused() -> None:
+    # Runs know a car by the type of its params: the second would start as the first.
+    run(own("plant.car", "STABLE"))
+    with pytest.raises(SettingsError, match=":OTHER_START: params must be a NamedTuple of its own"):
+        run(own("plant.car", "OTHER_START"))
 
 
 def test_a_vehicle_that_grows_without_bound_ends_the_run_safely() -> None:

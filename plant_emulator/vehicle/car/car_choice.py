@@ -77,7 +77,8 @@ def own_car_params(place: str, built_in: CarParams, own: Any) -> Any:
     params: Any = call_part(what, model.params, built_in, own)
     kind = type(params)
     _, known = CARS.get(kind, (what, model))
-    if not hasattr(kind, "_fields") or known.step is not model.step:
+    is_anothers = (known.start, known.step) != (model.start, model.step)
+    if is_anothers or not hasattr(kind, "_fields"):
         raise PartError(f"{what}: params must be a NamedTuple of its own, not {kind.__name__}")
     at = CarState(1.0, *[0.0] * (len(CarState._fields) - 1))
     inputs = CarInput(0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
