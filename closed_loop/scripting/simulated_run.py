@@ -321,18 +321,22 @@ class Run(NamedTuple):
             raise ValueError(f"plot() needs {library}: {installation(library)}") from error
 
     def save(self, folder: str | Path) -> None:
-        """Write settings and tables: plant.toml, controller.toml, plant.csv, controller.csv.
+        """Write settings and tables: plant.toml, controller.toml, plant.csv, controller.csv; with a
+        hand wheel also its two.
 
-        ``simulate(folder / "plant.toml", folder / "controller.toml")`` repeats the run, or is
-        refused once a file that the settings name has changed: files.sha256 has their digests.
-        Raises OSError.
+        ``simulate(folder / "plant.toml", folder / "controller.toml")``, with ``hand_wheel=`` that
+        file where there is one, repeats the run, or is refused once a file that the settings name
+        has changed: files.sha256 has their digests. Raises OSError.
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         for name, settings, table in (
             ("plant", self.plant_settings, self.plant),
             ("controller", self.controller_settings, self.controller),
+            ("hand_wheel", self.hand_wheel_settings, self.hand_wheel),
         ):
+            if settings is None or table is None:
+                continue
             write_text(folder / f"{name}.toml", dump_toml(with_absolute_names(settings)))
             with open_text(folder / f"{name}.csv") as file:
                 writer = csv.writer(file, lineterminator="\n")

@@ -120,6 +120,18 @@ def test_a_run_that_is_saved_can_be_made_again(run: Run, tmp_path: Path) -> None
     np.testing.assert_array_equal(table["sent_rad"], run.controller.sent_rad)
 
 
+def test_a_saved_run_with_a_hand_wheel_can_be_made_again(tmp_path: Path) -> None:
+    run = simulate("highway_nominal", "highway_pd", hand_wheel="hands_off", duration_s=1.0)
+    run.save(tmp_path)
+    files = [tmp_path / f"{name}.toml" for name in ("plant", "controller", "hand_wheel")]
+    again = simulate(*files[:2], hand_wheel=files[2])
+    assert run.hand_wheel is not None
+    assert again.hand_wheel is not None
+    np.testing.assert_array_equal(again.hand_wheel.angle_rad, run.hand_wheel.angle_rad)
+    table = np.genfromtxt(tmp_path / "hand_wheel.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["angle_rad"], run.hand_wheel.angle_rad)
+
+
 def test_settings_come_from_everywhere_and_the_nearest_wins() -> None:
     rig = PlantSettings(path=CircleSettings(radius_m=40.0), seed=9, duration_s=60.0)
     run = simulate(
