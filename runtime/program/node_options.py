@@ -116,18 +116,20 @@ def _recording_file(text: str) -> Path:
     return path
 
 
-def settings_file(package: str) -> Callable[[str], Path]:
-    """Return the type of an option that takes a TOML file, or one of ``package`` by its name."""
+def settings_file(*packages: str) -> Callable[[str], Path]:
+    """Return the type of an option that takes a TOML file, or one of these packages by its name."""
+
+    def names() -> dict[str, str]:
+        return {name: package for package in packages for name in preset_names(package)}
 
     def read(text: str) -> Path:
         if text.endswith(".toml") or os.path.exists(text):
             return Path(text)
-        names = preset_names(package)
-        if text not in names:
+        if text not in (known := names()):
             raise argparse.ArgumentTypeError(
-                f"{text[:60]!r} is neither a .toml file nor one of {', '.join(names)}"
+                f"{text[:60]!r} is neither a .toml file nor one of {', '.join(known)}"
             )
-        return Path(str(resources.files(package) / f"{text}.toml"))
+        return Path(str(resources.files(known[text]) / f"{text}.toml"))
 
-    setattr(read, "values", lambda: preset_names(package))  # noqa: B010 - for the shell
+    setattr(read, "values", names)  # noqa: B010 - for the shell
     return read

@@ -71,9 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_main(NAME, partial(_run, options))
 
 
-def _study_file(text: str) -> Path:
-    """Return the file of a study."""
-    return settings_file(f"{SHIPPED}.{text}" if text in OWN_KINDS else SHIPPED)(text)
+_study_file = settings_file(SHIPPED, *(f"{SHIPPED}.{kind}" for kind in OWN_KINDS))
 
 
 def _own_kind(file: Path) -> str | None:
