@@ -26,7 +26,7 @@ ROADS = STUDY["factors"][0]["levels"]
 DELAYS_S = STUDY["factors"][1]["values"]
 PRESET, SHORTEST_S = "highway_mpc", 60_000
 MODEL = set(STUDY["base"]["plant"]["vehicle"])
-MARGIN_S = 0.065
+MARGIN_S = 0.08
 """What the preset adds to the lag of the actuator of the study: play, tyres and the safe side."""
 
 

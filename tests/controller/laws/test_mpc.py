@@ -70,10 +70,11 @@ def test_no_command_passes_the_limits_of_angle_and_rate(
         sent_rad = output.steer_rad - state.predictor.fade_rad
 
 
-@pytest.mark.parametrize(("knows_path", "off_m", "share"), [(False, 0.25, 0.5), (True, 0.07, 0.9)])
+@pytest.mark.parametrize(("knows_path", "off_m", "share"), [(False, 0.25, 0.5), (True, 0.07, 1.1)])
 def test_a_lane_change_is_held_better_than_by_the_predictor(
     knows_path: bool, off_m: float, share: float
 ) -> None:
+    """Unless the path is known: then both hold it."""
     path = {"plant.path_ahead": {}} if knows_path else {}
     plans, follows = (
         simulate(
@@ -104,7 +105,7 @@ def test_a_plan_that_knows_the_rate_limit_turns_in_time() -> None:
     assert ignores.peak_m > 1.4 * knows.peak_m
 
 
-@pytest.mark.parametrize(("wheel_lag_s", "is_stable"), [(0.105, True), (0.0, True), (0.6, False)])
+@pytest.mark.parametrize(("wheel_lag_s", "is_stable"), [(0.13, True), (0.02, True), (0.6, False)])
 def test_a_check_counts_on_the_wheel_that_the_law_reads(
     wheel_lag_s: float, is_stable: bool
 ) -> None:
@@ -115,7 +116,7 @@ def test_a_check_counts_on_the_wheel_that_the_law_reads(
     assert around.is_stable(200 * MS) is is_stable
     checked = loop_around(believing, fast, {})
     assert isinstance(checked, PeriodicLoop)
-    assert checked.loop_model.actuator_lag_s == 0.105
+    assert checked.loop_model.actuator_lag_s == 0.13
 
 
 @pytest.mark.parametrize(
@@ -123,7 +124,7 @@ def test_a_check_counts_on_the_wheel_that_the_law_reads(
     [("large_sedan", 0.05), ("highway_nominal", 0.1), ("bmw_320i", 0.1), ("truck", 0.2)],
 )
 def test_another_car_is_held_within_the_default_limits(plant: str, off_m: float) -> None:
-    """At 200 ms, with noise: steering lags of 0, 9, 50 and 100 ms where 105 ms are believed."""
+    """At 200 ms, with noise: steering lags of 0, 9, 50 and 100 ms where 130 ms are believed."""
     noise = {"lateral_error_m": 0.02, "heading_error_rad": 0.002, "yaw_rate_rad_s": 0.003}
     run = simulate(
         *(plant, "highway_mpc"),
