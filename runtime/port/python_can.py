@@ -36,8 +36,10 @@ _FULL_CODES = {
 
 
 _HASTY_MAX = 10_000
-"""Waits in a row that end early without a frame: an interface does so whose connection has ended
+"""Waits that end early without a frame: an interface does so whose connection has ended
 (socketcand)."""
+_OUTWEIGHED = 10
+"""By a wait to its end: on a busy machine a short one may last so long by itself."""
 _SHORT_S = 1e-3
 """A shorter wait does not tell whether an interface waits."""
 
@@ -141,7 +143,7 @@ class BusPort:
         self._sent: dict[Frame, None] = {}
         """The newest frames sent that have not come back, oldest first."""
         self._hasty = 0
-        """Waits in a row that ended early without a frame."""
+        """Waits that ended early without a frame, less those that others outweigh."""
 
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
@@ -182,8 +184,10 @@ class BusPort:
                 return None
             if message is None and timeout_s > waited_s / 2:
                 self._hasty += 1
-            elif message is not None or waited_s > _SHORT_S:
+            elif message is not None:
                 self._hasty = 0
+            elif waited_s > _SHORT_S:
+                self._hasty = max(self._hasty - _OUTWEIGHED, 0)
             if self._hasty > _HASTY_MAX:
                 raise can.CanError("the interface's connection has ended")
 

@@ -8,6 +8,7 @@ import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -17,7 +18,7 @@ from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.controller.command_line.program import main
 from steer_by_wire.runtime.exit_status import BusError, ExitStatus
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.port import interface_choice
+from steer_by_wire.runtime.port import interface_choice, python_can
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments, choose_bus
 from steer_by_wire.runtime.port.python_can import BusPort, open_bus
 from tests.support.programs.running_program import PATIENCE_S
@@ -224,6 +225,32 @@ def test_an_interface_that_no_longer_waits_has_ended(wait_s: float) -> None:
     with pytest.raises(BusError, match="cannot receive: the interface's connection has ended"):
         assert all(port.recv(wait_s) is None for _ in range(20_000))
     bus.shutdown()
+
+
+@pytest.mark.parametrize(("pause", "has_ended"), [(0.0, True), (0.7, True), (1.0, False)])
+def test_it_is_found_on_a_busy_machine_too(
+    pause: float, has_ended: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which takes the processor away for a share of every 40th wait; a silent bus waits always."""
+    turns, now_s = 0, 0.0
+
+    def wait(_bus: object, timeout: float) -> tuple[None, bool]:
+        nonlocal turns, now_s
+        turns += 1
+        now_s += timeout if not has_ended else 1e-5 + pause * timeout * (turns % 40 == 0)
+        return None, False
+
+    monkeypatch.setattr(python_can, "time", SimpleNamespace(monotonic=lambda: now_s))
+    bus = SilentBus(0.0)
+    monkeypatch.setattr(SilentBus, "_recv_internal", wait)
+    port = BusPort(bus)
+    try:
+        assert all(port.recv(0.005) is None for _ in range(2_000))
+        found = False
+    except BusError:
+        found = True
+    bus.shutdown()
+    assert found == has_ended
 
 
 @pytest.mark.parametrize(
