@@ -238,6 +238,10 @@ def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
         ),
         (own("plant.vehicle", "SHORT"), ":SHORT raises TypeError: "),
         (own("plant.vehicle", "FALLS"), ":FALLS raises ZeroDivisionError: float division by zero"),
+        (
+            own("plant.vehicle", "SAME") | {"plant.car.friction": 0.5},
+            "vehicle.model has the equations of the linear vehicle: with a table [car] name a car",
+        ),
         (own("plant.car", "NOT_ITS_OWN"), "params must be a NamedTuple of its own, not CarParams"),
         (own("plant.car", "ONE_STATE"), ":ONE_STATE: a step must return a CarState, and a state "),
         (own("plant.car", "FAST"), ":FAST: speed_m_s = inf is not a finite number"),
