@@ -39,7 +39,7 @@ _HASTY_MAX = 10_000
 """Waits that end early without a frame: an interface does so whose connection has ended
 (socketcand)."""
 _OUTWEIGHED = 10
-"""By a wait to its end: on a busy machine a short one may last so long by itself."""
+"""Hasty waits, by one that lasted: on a busy machine a hasty one may last by chance."""
 _SHORT_S = 1e-3
 """A shorter wait does not tell whether an interface waits."""
 

@@ -18,7 +18,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from steer_by_wire.runtime.command_line import command_parser, offer, run_main, whole_number
+from steer_by_wire.runtime.command_line import command_parser, run_main, whole_number
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.settings import SettingsError, preset_names, read_table
@@ -27,18 +27,17 @@ NAME = "steer-by-wire study"
 SHIPPED = "steer_by_wire.closed_loop.studies"
 OWN_KINDS = ("fault_time", "vehicle_tests")
 """Studies that are no grid of runs: each has a room, and a module in this one."""
+_study_file = settings_file(SHIPPED, *(f"{SHIPPED}.{kind}" for kind in OWN_KINDS))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     example = f"{NAME} latency_jitter --dry-run"
     parser = command_parser(NAME, __doc__, example, "[STUDY] [options]")
-    shipped = [*preset_names(SHIPPED), *OWN_KINDS]
-    study = parser.add_argument(
+    parser.add_argument(
         "study", type=_study_file, nargs="?", metavar="STUDY",
-        help=f"a file, or one of {', '.join(shipped)}",
+        help=f"a file, or one of {', '.join(_shipped())}",
     )  # fmt: skip
-    offer(study, lambda: shipped)
     parser.add_argument("--list", action="store_true", help="print the shipped studies, and end")
     parser.add_argument(
         "--report", type=Path, metavar="DIR",
@@ -71,7 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_main(NAME, partial(_run, options))
 
 
-_study_file = settings_file(SHIPPED, *(f"{SHIPPED}.{kind}" for kind in OWN_KINDS))
+def _shipped() -> list[str]:
+    return [*preset_names(SHIPPED), *OWN_KINDS]
 
 
 def _own_kind(file: Path) -> str | None:
@@ -87,7 +87,7 @@ def _run(options: argparse.Namespace) -> int:
     # What computes and draws takes seconds to import, which --help need not wait for.
     if options.list:
         read_study = importlib.import_module(f"{SHIPPED}.study_file").read_study
-        for name in (*preset_names(SHIPPED), *OWN_KINDS):
+        for name in _shipped():
             file = _study_file(name)
             is_own = name in OWN_KINDS
             title = read_table(file, name)["title"] if is_own else read_study(file).title
