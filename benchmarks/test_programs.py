@@ -30,7 +30,7 @@ QEMU = shlex.split(
     "qemu-system-arm -M mps2-an500 -nographic -serial none -monitor none"
     " -semihosting-config enable=on,target=native -kernel"
 )
-CONTROLLERS = ("our own", "C program", "Cortex-M7 in QEMU")
+CONTROLLERS = ("our own", "C library", "C program", "Cortex-M7 in QEMU")
 
 
 @pytest.fixture
@@ -71,10 +71,10 @@ def controllers(
         pytest.skip(f"this machine has no {', '.join(missing)}")
     folder = tmp_path_factory.mktemp("lockstep")
     make = ["make", "-s", "-f", str(MAKEFILE), f"PYTHON={sys.executable}"]
-    programs = ["on_lockstep", "on_m7.elf"]
+    programs = ["lockstep.so", "on_lockstep", "on_m7.elf"]
     subprocess.run([*make, *programs], cwd=folder, check=True, stdout=subprocess.DEVNULL)
-    host, firmware = (str(folder / name) for name in programs)
-    every = (controller_preset("practical_pd"), [host], [*QEMU, firmware])
+    library, host, firmware = (str(folder / name) for name in programs)
+    every = (controller_preset("practical_pd"), [library], [host], [*QEMU, firmware])
     return dict(zip(CONTROLLERS, every, strict=True))
 
 

@@ -16,6 +16,9 @@
  * The first record has the flag LOCKSTEP_START and no frames. Without LOCKSTEP_WAKE_ON_FRAMES the
  * controller is woken before its deadline only when LOCKSTEP_FRAMES_MAX frames wait for it.
  * With LOCKSTEP_FRAMES the answer may be the deadline as it was.
+ *
+ * A shared library has no input and output. It has the function lockstep_exchange, which does what
+ * is due and turns the record into the answer; main.c makes a program of the same function.
  */
 #ifndef LOCKSTEP_H
 #define LOCKSTEP_H
@@ -51,5 +54,7 @@ struct lockstep_record {     /* 1296 bytes */
     int64_t time_ns;
     struct lockstep_frame frames[LOCKSTEP_FRAMES_MAX];
 };
+
+void lockstep_exchange(struct lockstep_record *record);
 
 #endif

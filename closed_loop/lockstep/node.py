@@ -1,4 +1,4 @@
-"""The node that a program in lockstep is on the bus."""
+"""The node that a program or library in lockstep is on the bus."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, View
 from ...runtime.node.end import End
 from ..processes.process_group import ProcessError
-from .program import LockstepProgram
+from .library import LockstepPeer, lockstep_peer
 from .record import DEADLINE, FRAMES, FRAMES_MAX, START, WAKE_ON_FRAMES, Arrival, Record
 
 WAKES_MAX = 100_000
@@ -27,7 +27,7 @@ class LockstepNode:
     ``deadline_ns``, ``finished``  of the program; it has finished when it fails
     """
 
-    def __init__(self, program: LockstepProgram, start_ns: int) -> None:
+    def __init__(self, program: LockstepPeer, start_ns: int) -> None:
         self._program = program
         self._waiting: list[Arrival] = []
         self._wakes_on_frames = False
@@ -107,7 +107,7 @@ def controller_node(
     if isinstance(controller, ControllerSettings):
         yield ControllerNode(controller, 0, samples_max)
         return
-    with LockstepProgram(controller) as program:
+    with lockstep_peer(controller) as program:
         yield LockstepNode(program, 0)
 
 

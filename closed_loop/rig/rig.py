@@ -32,8 +32,8 @@ from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
+from ..lockstep.library import lockstep_peer
 from ..lockstep.node import LockstepNode, controller_in
-from ..lockstep.program import LockstepProgram
 from ..pair.live_bus import BUSES, Bus, open_channels
 from ..pair.live_pair import LivePair, Program
 from ..pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace
@@ -122,7 +122,7 @@ class Rig:
                 return self._in_virtual_time(controller, self.settings, files)
             if not lockstep:
                 return self._in_real_time(self.settings, files, controller)
-            with LockstepProgram(controller) as program:
+            with lockstep_peer(controller) as program:
                 node = partial(LockstepNode, program)
                 return self._in_virtual_time(node, self.settings, files)
         settings = settings_of(ControllerSettings, controller, overrides)

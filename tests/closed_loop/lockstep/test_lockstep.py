@@ -1,5 +1,6 @@
 """A program in lockstep: the same run as our own node's, and one line for each way to fail."""
 
+import _ctypes
 import os
 import re
 import shutil
@@ -145,6 +146,21 @@ FAILURES = {
         "its next deadline, -1 ns, is not after now, 0 ns$",
     ),
 }
+
+
+def test_a_library_that_cannot_be_used_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, other = tmp_path / "text.so", str(_ctypes.__file__)
+    text.write_text("no library")
+    for words, said in (
+        ("ecu.so --fast", "ecu.so: a shared library takes no words: leave out --fast"),
+        ("ecu.so", "ecu.so: No such file or directory"),
+        (str(text), f"{text}: file too short"),
+        (other, f"{other}: has no function lockstep_exchange: see lockstep.h"),
+    ):
+        assert main(["--controller-command", words]) == 3
+        assert capsys.readouterr().err == f"steer-by-wire run: error: {said}\n"
 
 
 @pytest.mark.parametrize("name", FAILURES)

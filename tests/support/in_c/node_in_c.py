@@ -38,7 +38,7 @@ from tests.fuzz.traffic import Sender
 
 from .law_in_c import STRICT, Target
 
-NODE = ("steering_law.c", "node_rules.c", "crc.c", "node.c", "on_lockstep.c")
+NODE = ("steering_law.c", "node_rules.c", "crc.c", "node.c", "on_lockstep.c", "main.c")
 
 
 def settings_of(preset: str, *overrides: str) -> ControllerSettings:

@@ -225,6 +225,17 @@ def test_the_controller_in_c_sends_the_same_bytes(folder: Path) -> None:
 
 
 @needs_a_c_compiler
+def test_a_library_makes_the_run_of_the_program(tmp_path: Path, folder: Path) -> None:
+    tests: Any = import_module("test_controller")
+    rig = Rig(tmp_path, overrides={"duration_s": 1.0})
+    runs = [
+        rig.run([tests.build(folder, name)], lockstep=True).files.candump_log.read_bytes()
+        for name in ("on_lockstep", "lockstep.so", "lockstep.so")
+    ]
+    assert runs[0] == runs[1] == runs[2]
+
+
+@needs_a_c_compiler
 @pytest.mark.skipif(
     shutil.which("arm-none-eabi-gcc") is None or shutil.which("qemu-system-arm") is None,
     reason="no arm-none-eabi-gcc or qemu-system-arm: nothing ran on a Cortex-M7",

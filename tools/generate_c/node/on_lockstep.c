@@ -4,12 +4,7 @@
 #include "lockstep.h"
 #include "node.h"
 
-/* Move a whole record; return 0 at the end of the input. Each machine has its own. */
-int read_record(struct lockstep_record *record);
-int write_record(const struct lockstep_record *record);
-
 static struct node node;
-static struct lockstep_record record;
 
 static void take(const struct lockstep_frame *arrived)
 {
@@ -25,26 +20,20 @@ static void send(struct lockstep_frame *sent, const struct frame *frame)
     memcpy(sent->data, frame->data, sizeof frame->data);
 }
 
-int main(void)
+void lockstep_exchange(struct lockstep_record *record)
 {
+    const bool is_due = record->flags & (LOCKSTEP_START | LOCKSTEP_DEADLINE);
     struct frame frames[SENT_MAX];
 
-    while (read_record(&record)) {
-        const bool is_due = record.flags & (LOCKSTEP_START | LOCKSTEP_DEADLINE);
-
-        if (record.flags & LOCKSTEP_START)
-            node_start(&node, record.time_ns);
-        for (unsigned i = 0; i < record.count; i++)
-            take(&record.frames[i]);
-        record.count = 0;
-        if (is_due && !node.has_failed)
-            record.count = (uint16_t)node_on_tick(&node, record.time_ns, frames);
-        for (unsigned i = 0; i < record.count; i++)
-            send(&record.frames[i], &frames[i]);
-        record.flags = 0;
-        record.time_ns = node.has_failed ? LOCKSTEP_NEVER : node.deadline_ns;
-        if (!write_record(&record))
-            return 1;
-    }
-    return 0;
+    if (record->flags & LOCKSTEP_START)
+        node_start(&node, record->time_ns);
+    for (unsigned i = 0; i < record->count; i++)
+        take(&record->frames[i]);
+    record->count = 0;
+    if (is_due && !node.has_failed)
+        record->count = (uint16_t)node_on_tick(&node, record->time_ns, frames);
+    for (unsigned i = 0; i < record->count; i++)
+        send(&record->frames[i], &frames[i]);
+    record->flags = 0;
+    record->time_ns = node.has_failed ? LOCKSTEP_NEVER : node.deadline_ns;
 }
