@@ -55,4 +55,6 @@ def main(folder: Path = Path("out/examples")) -> dict[str, list[float]]:
 
 
 if __name__ == "__main__":
-    main()
+    print("round trip [ms]     ", *(f"{1e3 * it:6.0f}" for it in ROUND_TRIPS_S))
+    for law, swings in main().items():
+        print(f"{law:20}", *(f"{swing:6.3f}" for swing in swings))

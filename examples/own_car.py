@@ -93,4 +93,5 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
 
 
 if __name__ == "__main__":
-    main()
+    for label, run in main().items():
+        print(f"{label:24} {run.peak_m:6.2f} m off at most")

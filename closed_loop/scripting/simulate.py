@@ -187,6 +187,8 @@ def by_side(
         values["hand_wheel"] = {}
     for key, value in {**overrides, **named, **varied}.items():
         side, _, name = key.partition(".")
+        if side == "hand_wheel" and not has_hand_wheel:
+            raise SettingsError(f"overrides: key {key} needs a hand_wheel, as hand_wheel='still'")
         if side not in values or not name:
             known = " nor ".join(f"{each}." for each in values)
             raise SettingsError(f"overrides: key {key} starts with neither {known}")

@@ -133,6 +133,8 @@ def sweep(
         "loss": loss,
         "latencies": latencies,
     }
+    for key in factors.keys() & {key for key, value in own.items() if value is not None}:
+        raise SettingsError(f"sweep over {key}: it is given as an argument too; leave one out")
     varies = "jitter_s" in {*factors, *overrides}
     overrides = {SHORT.get(key, key): value for key, value in overrides.items()}
     if varies:

@@ -144,7 +144,8 @@ def failures(
             lines.append(f"failed: {asked}: {name} has no value in this run")
         elif _COMPARISONS[comparison](value, limit):
             shown = value if isinstance(value, str) else f"{value:.6g}"
-            lines.append(f"failed: {asked}: {name} is {shown}")
+            why = "" if comparison == "==" else f"{asked}: "
+            lines.append(f"failed: {why}{name} is {shown}")
     return lines
 
 

@@ -62,11 +62,13 @@ def explain(
     ``data``     what was validated
     ``sources``  source of each key of ``data``; other keys have that of the nearest table above
     """
-    mistakes = [
-        _explain_one(mistake, schema, data, sources)
-        for mistake in error.errors(include_url=False)
-        if not _is_consequence(mistake)
-    ]
+    mistakes = list(
+        dict.fromkeys(
+            _explain_one(mistake, schema, data, sources)
+            for mistake in error.errors(include_url=False)
+            if not _is_consequence(mistake)
+        )
+    )
     more = len(mistakes) - _MISTAKES_MAX
     if more > 0:
         mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]
@@ -155,7 +157,7 @@ def _explain_one(
     if "discriminator" in context:
         # pydantic reports the table, but the mistake is in the key that selects its kind.
         path, value = (*path, context["discriminator"].strip("'")), context.get("tag")
-    key, texts = dotted(path), _texts(_schemas_at(schema, path, data))
+    key, texts = dotted(path), list(_texts(_schemas_at(schema, path, data)))
     may_be = f" (allowed: {' or '.join(texts)})" if texts else ""
     where = f"{_source(sources, path)}: {key}"
     match mistake["type"]:
@@ -179,6 +181,9 @@ def _explain_one(
             question = meant(str(value), ", ".join(texts).split(", "))
             offered = may_be.replace("(", f"({question} ", 1) if question else may_be
             return f"{where} = {_shown(value)} is not a known one{offered}"
+        case _ if len(texts) > 1:
+            # pydantic reports each member of a union, which what is allowed names.
+            return f"{where} = {_shown(value)} cannot be used{may_be}"
         case _:
             return f"{where} = {_shown(value)} {mistake['msg'].removeprefix('Input ')}{may_be}"
 

@@ -168,6 +168,14 @@ def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set
         ({"over": {"controller": ["practical_p"]}}, r"practical_p.*did you mean practical_pd"),
         ({"over": {"controller": "practical_pd"}}, "sweep over controller: takes a list of values"),
         ({"over": {"latency_s": 0.1}}, r"sweep over latency_s: takes a list of values, not 0\.1"),
+        (
+            {"over": {"latency_s": [0.1]}, "latency_s": 0.2},
+            "given as an argument too; leave one out",
+        ),
+        (
+            {"over": {"loss": [0.1, float("nan")]}},
+            r"^sweep: factors\[0\].values\[1\] = NaN cannot[^\n]*$",
+        ),
         ({"over": {"plant": ["paper_nominal"]}}, r"sweep over plant: takes one; sweep over keys"),
         ({"over": {}, "latencies": []}, "latencies: holds none"),
         ({"over": {}, "overrides": {"sed": 1}}, r"key sed starts with neither plant\. nor"),

@@ -111,7 +111,7 @@ def test_commands_that_never_took_effect_are_a_failure(capsys: pytest.CaptureFix
     assert sent > 450
     assert text == f"no effect: none of its {sent} commands took effect, by the plant's echoes"
     assert status is ExitStatus.CONDITION
-    assert "failed: verdict == no effect" in capsys.readouterr().err
+    assert "failed: verdict is no effect" in capsys.readouterr().err
 
 
 def test_a_bus_without_echoes_says_nothing_of_effect() -> None:

@@ -176,6 +176,7 @@ def test_a_vehicle_file_is_the_vehicle_of_both() -> None:
             r'controller: law = "pdd" is not a known one \(did you mean pd\? allowed: pd,',
         ),
         ({"overrides": {"plant.sed": 1}}, r"sed is not a known key \(did you mean seed\?\)"),
+        ({"overrides": {"hand_wheel.seed": 1}}, "hand_wheel.seed needs a hand_wheel"),
         ({"overrides": {"seed": 1}}, r"key seed starts with neither plant\. nor controller\."),
         ({"overrides": {"plant.seed": None}}, r"seed = None: settings have no such value"),
         (
