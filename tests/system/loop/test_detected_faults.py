@@ -1,7 +1,7 @@
 """Every kind of fault is detected by what must detect it, and answered within its time.
 
 The times are those of virtual time. Rules that need another run have their own tests: missed
-periods (``test_missed_periods``), a silent peer in real processes (``test_two_processes``).
+periods (``test_self_supervision``), a silent peer in real processes (``test_two_processes``).
 """
 
 from collections.abc import Mapping, Sequence

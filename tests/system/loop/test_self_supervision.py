@@ -1,4 +1,4 @@
-"""The plant finds faults in itself, and ends safely: too slow, or a motion that is no number."""
+"""A node finds faults in itself, and ends safely: too slow, or a motion that is no number."""
 
 import json
 import math
@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -20,6 +22,7 @@ from steer_by_wire.dbc.messages import (
     SteeringStatusCode,
     VehicleState,
     decode,
+    encode,
 )
 from steer_by_wire.plant_emulator.command_line import program
 from steer_by_wire.plant_emulator.node.node import (
@@ -33,7 +36,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.tools.run import __main__ as closed_loop
-from tests.support.frames.made_messages import command_of
+from tests.support.frames.made_messages import command_of, error_of
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 OVERSTEER = {
@@ -93,18 +96,17 @@ def test_a_plant_that_does_not_keep_its_rate_steers_straight_says_so_and_ends() 
     assert len(tested.frames) > before
 
 
-@pytest.mark.parametrize("pause_s", [1.0, 3600.0])
-def test_a_pause_however_long_is_one_overrun_after_which_the_plant_goes_on(pause_s: float) -> None:
+def test_a_pause_of_a_minute_is_one_overrun_after_which_the_plant_goes_on() -> None:
     """A process that was stopped, or a machine that slept with its clock running."""
     tested = steering(link(duration_s=1e6))
-    back_ns = tested.node.deadline_ns + round(pause_s * 1e9)
+    back_ns = tested.node.deadline_ns + 60_000 * MS_NS
     tested.tick(back_ns)
     for step in range(20):
         tested.command(back_ns + step * PERIOD_NS, 0.0)
     tested.tick_until(back_ns + 20 * PERIOD_NS)
     report = tested.node.report()
     assert report["failure"] == ""
-    assert report["skipped_samples"] >= round(pause_s * 100) - 1
+    assert report["skipped_samples"] >= 60 * 100 - 1
     assert report["safety"]["mode"] == "following"
 
 
@@ -115,6 +117,28 @@ def test_the_end_comes_when_the_wheel_has_been_ramped_to_zero() -> None:
     end_ns = finish(tested)
     assert (end_ns - START_NS) * 1e-9 - failed_s == pytest.approx(3.0, abs=0.011)
     assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
+
+
+@pytest.mark.parametrize(("stalls", "fails"), [(45, False), (46, True)])
+def test_a_starved_plant_ends_in_its_safe_state(stalls: int, fails: bool) -> None:
+    tested = steering(link(duration_s=1e6))
+    for _ in range(stalls):
+        tested.tick(tested.node.deadline_ns + 11 * PERIOD_NS)
+        tested.tick_until(tested.node.deadline_ns + 2 * PERIOD_NS)
+    assert ("periods were missed" in tested.node.report()["failure"]) is fails
+
+
+def test_a_starved_controller_stops_steering_for_good_and_says_why() -> None:
+    node = ControllerNode(controller_preset("practical_pd_ddob"), 0)
+    for cycle in range(100):
+        for offset in range(4):
+            now_ns = cycle * 150 * MS_NS + offset * PERIOD_NS + MS_NS // 20
+            node.on_frame(encode(error_of(0.01), (4 * cycle + offset) % 256), now_ns)
+            node.on_tick(now_ns)
+    report = node.report()
+    assert "periods were missed" in report["failure"]
+    # Found within half of the fifteen seconds.
+    assert report["mode_s"]["safe_stop"] > 7.0
 
 
 # No number
@@ -129,17 +153,10 @@ def numbers(value: Any) -> list[float]:
     return [value] if isinstance(value, int | float) else []
 
 
-@pytest.mark.parametrize(
-    ("vehicle", "steer_rad"),
-    [(OVERSTEER, 0.1), ({"speed_m_s": 250 / 3.6, "rear_cornering_stiffness_n_rad": 50_000}, 0.1)],
-    ids=["fastest", "oversteering"],
-)
-def test_a_vehicle_that_spins_without_bound_ends_safely_before_it_is_no_number(
-    vehicle: dict[str, float], steer_rad: float
-) -> None:
+def test_a_vehicle_that_spins_without_bound_ends_safely_before_it_is_no_number() -> None:
     """Oversteering at high speed (1) grows exponentially, until floats overflow."""
-    tested = link(vehicle=vehicle, duration_s=1e6)
-    tested.command(START_NS, steer_rad)
+    tested = link(vehicle=OVERSTEER, duration_s=1e6)
+    tested.command(START_NS, 0.1)
     finish(tested)
     report = tested.node.report()
     assert report["failure"] == NOT_FINITE_VEHICLE
