@@ -69,8 +69,8 @@ def signals_of(message: Message) -> dict[str, Signal]:
 
 
 # Payload behind the two CRC bytes and the counter, worked out by hand from the bit positions:
-# sum of raw << (first bit - 24), low byte first; one message of each format. The CRC is checked bit
-# by bit in test_protection, and the other messages against cantools below.
+# sum of raw << (first bit - 24), low byte first; one message of each format. The CRC is checked
+# against a library's in test_packing, and the other messages against cantools below.
 GOLDEN: list[tuple[Message, str, str]] = [
     # 12345 = 0x3039; 1234 << 18 = 0x1348_0000; 1 << 34 = 0x4_0000_0000; sum 0x04_1348_3039
     (COMMAND, "100", "c1ae 07 3930481304"),

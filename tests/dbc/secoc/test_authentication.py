@@ -4,22 +4,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.codec.counter_rule import PERIOD_NS_MIN, CounterRule
-from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
-from steer_by_wire.dbc.reception import Reception
+from steer_by_wire.dbc.messages import CAN_IDS
 from steer_by_wire.dbc.secoc.secured_frame import Refused
 from steer_by_wire.runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
-from tests.support.frames.authenticated_ends import (
-    ERROR_MESSAGE,
-    FROM_PLANT,
-    controller,
-    met,
-)
-
-OTHER_KEY = bytes(range(1, 17))
-
-
-# Both ends have the key
+from tests.support.frames.authenticated_ends import FROM_PLANT, controller, met
 
 
 def test_frames_may_come_without_the_bit_rate_switch() -> None:
@@ -57,17 +45,3 @@ def test_no_bytes_make_an_end_raise_or_accept(
 ) -> None:
     end = met()[0] if synchronised else controller()
     assert isinstance(end.verify(Frame(can_id, data, flags)), Refused)
-
-
-# A recording
-
-
-# Who has no key
-
-
-def test_a_receiver_without_a_key_says_so() -> None:
-    reception = Reception((LateralError, SteeringCommand), CounterRule(9 * PERIOD_NS_MIN, 3))
-    _, plant_end = met()
-    assert reception.receive(plant_end.secure(FROM_PLANT[0])) is Refused.NO_KEY
-    assert reception.receive(FROM_PLANT[0]) == ERROR_MESSAGE
-    assert reception.rejected == {"no_key": 1}

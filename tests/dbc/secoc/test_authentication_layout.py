@@ -158,6 +158,3 @@ def test_what_is_sent_by_hand_has_no_secured_form() -> None:
     with pytest.raises(KeyError):
         plant().secure(CONFIG)
     assert met()[1].verify(CONFIG) is Refused.UNAUTHENTICATED
-
-
-# The document's figures

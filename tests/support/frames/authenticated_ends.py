@@ -17,13 +17,12 @@ from tests.support.frames.made_messages import command_of, message_with, motion_
 
 KEY = bytes(range(16))
 CONTROLLER_CHALLENGE, PLANT_CHALLENGE = b"ctrl-one", b"plantone"
-ERROR_MESSAGE = message_with(LateralError, lateral_error_m=0.125, heading_error_rad=-0.01)
 CONTROLLER_STATUS = encode(message_with(ControllerStatus, mode=Mode.ACTIVE, skipped_ticks=3), 7)
 PLANT_STATUS = encode(
     message_with(PlantStatus, downlink_latency_s=0.08, uplink_latency_s=0.02, lost=1, rejected=2), 9
 )
 FROM_PLANT = (
-    encode(ERROR_MESSAGE, 1),
+    encode(message_with(LateralError, lateral_error_m=0.125, heading_error_rad=-0.01), 1),
     encode(
         message_with(
             SteeringStatus,
