@@ -1,9 +1,9 @@
-"""One cycle of the hand wheel: what hands and motor do until the next one, live and compiled.
+"""One cycle of the hand wheel: what hands and motor do until the next cycle.
 
     u = share (law or servo) + order + (1 - share) local damping
 
-The servo lets the wheel follow the road wheels while the law of the controller steers; the order is
-what that law adds (FEEDBACK_TORQUE).
+The node and the compiled run share this step. While the controller's law steers, the servo lets the
+wheel follow the road wheels, and the order is the torque that the controller adds.
 """
 
 from math import isfinite
@@ -22,7 +22,7 @@ from .wheel_step import Hands
 
 
 class CycleParams(NamedTuple):
-    """Constants of driver and law; ``law`` is its place in FEEDBACK_LAWS."""
+    """Constants of driver and law; ``law`` is the place of the law in FEEDBACK_LAWS."""
 
     driver: DriverParams
     feedback: FeedbackParams
@@ -41,11 +41,12 @@ class CycleState(NamedTuple):
 
 
 class CycleInput(NamedTuple):
-    """What is known at a cycle.
+    """What is known when a cycle begins.
 
-    ``late_rad``   the driver's wish by sight a reaction time ago
-    ``holds``      whether his hands are on the wheel, ``drives``: whether he steers, alone or not
-    ``is_active``  whether the law runs, and its share of the torque
+    ``late_rad``   angle that the driver wished by sight, a reaction time ago
+    ``holds``      whether the driver's hands are on the wheel
+    ``drives``     whether the driver steers, alone or together with the law
+    ``is_active``  whether the feedback law runs; ``share`` is its share of the torque
     """
 
     late_rad: float

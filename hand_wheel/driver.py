@@ -22,18 +22,19 @@ from .wheel_step import Hands
 
 HANDS_OFF = GRIPS["hands_off"]
 NO_SIGHT = 0
-"""Of ``reaction``: a driver who wishes 0 for ever."""
+"""Value of ``reaction`` for a driver who does not look at the road."""
 ARMS_N_M_MAX = 15.0
-"""Torque with which his arms follow his wish at most: chosen."""
+"""Largest torque with which his arms follow his wish; chosen."""
 
 
 class TwoPointParams(NamedTuple):
-    """The symbols above.
+    """Constants of the two-point driver; gains as k_f, k_n and k_I above.
 
-    ``near_rad_max``  of the saturation
-    ``near_m``        distance of the near point, ``far_s``: time to the far one
-    ``reaction``      cycles of the reaction time, 1 or more; NO_SIGHT: he looks nowhere
-    ``kept``          share that a cycle leaves of the neuromuscular lag's lack
+    ``near_rad_max``  limit of the saturation
+    ``near_m``        distance of the near point
+    ``far_s``         time to the far point
+    ``reaction``      reaction time in cycles, 1 or more; NO_SIGHT: he does not look
+    ``kept``          e^(-T/T_N): what a cycle T leaves of the neuromuscular lag's error
     """
 
     far_gain: float
@@ -66,7 +67,7 @@ class DriverParams(NamedTuple):
 
 
 class DriverState(NamedTuple):
-    """``by_sight_rad``: his newest wish; ``integral_rad`` of θ_n; ``rests``: his hands do."""
+    """Newest wish by sight, integral of θ_n, angle his arms aim at, and whether his hands rest."""
 
     by_sight_rad: float
     integral_rad: float
@@ -88,7 +89,7 @@ class Sight(NamedTuple):
 
 
 class ReactionTime:
-    """Wishes of the reaction time; where he rests, he forgets them."""
+    """Wishes within the reaction time; while his hands rest, he forgets them."""
 
     def __init__(self, cycles: int) -> None:
         self._wishes = deque([0.0] * max(cycles, 1), max(cycles, 1))

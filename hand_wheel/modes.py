@@ -38,8 +38,12 @@ class FeedbackMode(NamedTuple):
 
 
 class RoadEvidence(NamedTuple):
-    """``arrival_ns``: of the newest message, None before the first [ns]; None needed: the law reads
-    none. ``own_fault``: of the hand wheel, for good."""
+    """What is known of the road.
+
+    ``arrival_ns``  when the newest message came [ns]; None before the first
+    ``is_needed``   whether the law reads messages of the road
+    ``own_fault``   whether the hand wheel has a fault of its own, which stays
+    """
 
     arrival_ns: int | None
     is_needed: bool

@@ -1,4 +1,4 @@
-"""``HandWheelSettings``: all settings of the hand wheel, in one table for each subject."""
+"""``HandWheelSettings``: the settings of hand wheel and driver, one table for each subject."""
 
 from math import ceil
 from pathlib import Path
@@ -22,7 +22,7 @@ from .wheel_step import WheelParams, wheel_params
 PRESETS = "steer_by_wire.hand_wheel.presets"
 """The package with the presets that are shipped."""
 STEP_S_MAX = 0.001
-"""Of the wheel's motion: a firmly held wheel swings 300 times as slowly."""
+"""Longest step of the wheel's motion; a firmly held wheel swings 300 times as slowly."""
 _LAG_S_MIN = 1e-6
 _Gain = Annotated[float, Field(ge=0.0, le=1000.0)]
 
@@ -35,18 +35,18 @@ class WheelSettings(Settings):
     friction_n_m: float = Field(0.1, ge=0.0, le=20.0)
     """Coulomb friction: the wheel sticks."""
     stop_rad: float = Field(9.0, ge=0.1, le=13.0)
-    """Of either side: three turns from stop to stop."""
+    """Angle of the end stop on either side; the default is three turns from stop to stop."""
     motor_lag_s: float = Field(HandWheel().motor_lag_s, ge=1e-4, le=1.0)
     torque_n_m_max: float = Field(10.0, ge=0.1, le=20.0)
-    """Of the motor."""
+    """Largest torque of the motor."""
     sensor_n_m_rad: float = Field(0.0, ge=0.0, le=1000.0)
     """Stiffness of the torque sensor, between rim and motor; 0: rigid."""
     rim_share: float = Field(HandWheel().rim_share, gt=0.0, lt=1.0)
-    """Of the inertia, above a sensor that gives way."""
+    """Share of the inertia that is above a torque sensor with a stiffness."""
 
 
 class KickSettings(Settings):
-    """One `[[driver.kicks]]`: a torque of the driver, beside that of his arms."""
+    """One `[[driver.kicks]]`: a torque that the driver adds to that of his arms."""
 
     at_s: float = Field(ge=0.0, le=1e6)
     lasts_s: float = Field(0.1, ge=0.001, le=1e6)
@@ -67,24 +67,24 @@ class TwoPointSettings(Settings):
     near_m: float = Field(8.0, ge=1.0, le=100.0)
     far_s: float = Field(0.9, ge=0.1, le=10.0)
     reaction_s: float = Field(0.12, ge=0.0, le=2.0)
-    """This and the next: Chinese Journal of Mechanical Engineering, 10.1186/s10033-020-00477-9,
-    table 1."""
+    """This value and the next are from Chinese Journal of Mechanical Engineering, table 1,
+    10.1186/s10033-020-00477-9."""
     neuromuscular_lag_s: float = Field(0.11, ge=1e-3, le=2.0)
 
 
 class DriverSettings(Settings):
-    """`[driver]`: how he holds the wheel, and what he does."""
+    """`[driver]`: how the driver holds the wheel, and what he does with it."""
 
     grip: Literal["hands_off", "loose", "light", "firm"] = "light"
     let_go_at_s: float | None = Field(None, ge=0.0, le=1e6)
-    """From then on the hands are off; if omitted, never."""
+    """When he takes his hands off the wheel; if omitted, never."""
     kicks: tuple[KickSettings, ...] = Field((), max_length=1000)
     two_point: TwoPointSettings | None = None
-    """If omitted, he wishes the wheel to stand straight."""
+    """If omitted, he holds the wheel straight."""
 
 
 class NominalModelSettings(Settings):
-    """`[nominal_model]`: vehicle and steering as the feedback takes them; a sedan, chosen."""
+    """`[nominal_model]`: vehicle and steering that the feedback assumes; a sedan, chosen."""
 
     speed_m_s: float = Field(80.0 / 3.6, ge=0.13, le=70.0)
     virtual_mass_kg: float = Field(1750.0, ge=0.1, le=100_000.0)
@@ -94,7 +94,7 @@ class NominalModelSettings(Settings):
     front_axle_distance_m: float = Field(1.25, gt=0.0, le=20.0)
     rear_axle_distance_m: float = Field(1.55, gt=0.0, le=20.0)
     preview_distance_m: float = Field(2.0, ge=0.0, le=100.0)
-    """To the point whose lateral error is on the bus: for the driver's sight alone."""
+    """To the point whose lateral error is on the bus; only the driver's sight needs it."""
     actuator_lag_s: float = Field(0.0, ge=0.0, le=10.0)
     trail_m: float = Field(0.05, gt=0.0, le=0.5)
     arm_m: float = Field(0.14, ge=1e-3, le=2.0)
@@ -103,23 +103,23 @@ class NominalModelSettings(Settings):
 
 
 class FeedbackSettings(Settings):
-    """`[feedback]`: the law, and what the motor adds to it."""
+    """`[feedback]`: the law, and the damping and friction that the motor adds."""
 
     law: Literal["rack_force", "spring", "model", "cdob"] = "rack_force"
     torque_gradient_n_m: float = Field(6.0, ge=0.0, le=1000.0)
-    """Torque per angle of the hand wheel while the vehicle stands still sideways: chosen."""
+    """Torque for each radian of the hand wheel while the vehicle does not move sideways; chosen."""
     cutoff_rad_s: float = Field(50.0, ge=0.1, le=1000.0)
-    """Of the cdob."""
+    """Bandwidth of the cdob."""
     washout_rad_s: float = Field(2.0, ge=0.0, le=100.0)
-    """Of the cdob; slower torque is the road's alone. 0: none is."""
+    """Washout of the cdob: slower torque comes from the road alone. 0 switches it off."""
     damping_n_m_s: float = Field(0.0, ge=0.0, le=100.0)
     friction_n_m: float = Field(0.0, ge=0.0, le=10.0)
     friction_rad_s: float = Field(0.1, ge=0.001, le=10.0)
-    """Rate from which on that friction is full."""
+    """Rate of the wheel above which that friction is full."""
     passive_n_m_s_max: float = Field(0.0, ge=0.0, le=100.0)
-    """Largest damping of the passivity controller; 0: there is none."""
+    """Largest damping of the passivity controller; 0 switches it off."""
     servo_n_m: float = Field(8.0, ge=0.0, le=1000.0)
-    """Stiffness with which the wheel follows the road wheels while the law steers: chosen."""
+    """Stiffness with which the wheel follows the road wheels while the law steers; chosen."""
     servo_n_m_s: float = Field(0.6, ge=0.0, le=100.0)
 
 
@@ -128,23 +128,23 @@ class SupervisionSettings(Settings):
 
     timeout_ms: float = Field(100.0, ge=1.0, le=10_000.0)
     hold_ms: float = Field(100.0, ge=0.0, le=10_000.0)
-    """How long the newest road is still used then."""
+    """How long the newest message is still used after the timeout."""
     fade_ms: float = Field(500.0, ge=1.0, le=60_000.0)
-    """From full feedback to none, and back."""
+    """Time from full feedback to none, and back."""
     recovery_frames: int = Field(5, ge=1, le=100)
     fallback_damping_n_m_s: float = Field(0.5, ge=0.0, le=100.0)
     """Local damping that takes the place of the feedback."""
     counter_lead_ms: float = Field(300.0, ge=0.0, le=10_000.0)
-    """How much earlier than its counter explains a frame may come."""
+    """How much earlier a frame may come than its counter explains."""
 
 
 class HandWheelSettings(Settings):
     """One hand wheel with its driver."""
 
     cycle_ms: float = Field(10.0, ge=1.0, le=20.0)
-    """Of HAND_WHEEL_STATE and of the feedback."""
+    """Period of HAND_WHEEL_STATE and of the feedback law."""
     steering_ratio: float = Field(16.0, ge=1.0, le=40.0)
-    """Until HAND_WHEEL_FEEDBACK says it."""
+    """Used until a HAND_WHEEL_FEEDBACK states the ratio."""
     wheel: WheelSettings = WheelSettings()
     driver: DriverSettings = DriverSettings()
     feedback: FeedbackSettings = FeedbackSettings()
@@ -159,17 +159,17 @@ class HandWheelSettings(Settings):
 
     @property
     def cycle_s(self) -> float:
-        """The same [s]."""
+        """Period of the feedback [s]."""
         return self.cycle_ns / NS_PER_S
 
     @property
     def steps(self) -> int:
-        """Steps of the wheel's motion in a cycle."""
+        """Number of steps of the wheel's motion in a cycle."""
         return ceil(self.cycle_s / STEP_S_MAX - 1e-9)
 
     @property
     def wheel_params(self) -> WheelParams:
-        """Constants of such a step."""
+        """Constants of a step of the wheel's motion."""
         wheel = self.wheel
         return wheel_params(
             wheel.inertia_kg_m2,
@@ -185,7 +185,7 @@ class HandWheelSettings(Settings):
 
     @property
     def nominal_way(self) -> LinearSystem:
-        """The way from hand wheel angle to the road's torque, without a bus."""
+        """Nominal system from hand wheel angle to the road's torque, without a bus."""
         model = self.nominal_model
         vehicle = RoadVehicle(*(getattr(model, name) for name in RoadVehicle._fields))
         rack = Rack(steering_ratio=self.steering_ratio, lag_s=max(model.actuator_lag_s, _LAG_S_MIN))
@@ -193,7 +193,7 @@ class HandWheelSettings(Settings):
 
     @property
     def feedback_params(self) -> FeedbackParams:
-        """Constants of the law: takes some milliseconds."""
+        """Constants of the law; computing them takes some milliseconds."""
         table, model, ratio = self.feedback, self.nominal_model, self.steering_ratio
         gradient = table.torque_gradient_n_m
         force_n_rad = model.front_cornering_stiffness_n_rad * model.trail_m / model.arm_m
@@ -231,7 +231,7 @@ class HandWheelSettings(Settings):
 
     @property
     def kicks(self) -> tuple[Kick, ...]:
-        """His kicks."""
+        """Kicks of the driver."""
         return tuple(
             Kick(_ns(kick.at_s), _ns(kick.at_s + kick.lasts_s), kick.torque_n_m)
             for kick in self.driver.kicks
@@ -239,7 +239,7 @@ class HandWheelSettings(Settings):
 
     @property
     def let_go_ns(self) -> int:
-        """When he takes his hands off."""
+        """When the driver takes his hands off [ns]."""
         let_go_at_s = self.driver.let_go_at_s
         return NEVER_NS if let_go_at_s is None else _ns(let_go_at_s)
 
