@@ -78,7 +78,6 @@ NEEDS_POSIX = {
     "test_bus_program": _PROCESSES,
     "test_monitor_on_terminal": "needs pseudo-terminals",
     "test_on_vcan": _PROCESSES,
-    "test_pair_on_multicast": _PROCESSES,
     "test_plant_program": _PROCESSES,
     "test_program": _PROCESSES,
     "test_program_ends": _PROCESSES,

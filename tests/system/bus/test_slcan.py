@@ -102,15 +102,3 @@ def test_an_unplugged_adapter_ends_the_run_with_one_line_a_report_and_status_3(
         assert report["ended_by"] in error
         assert report["node"]["commands_sent"] > 0
         assert plant.interrupt() == ExitStatus.OK
-
-
-def test_who_stays_on_the_bus_goes_to_the_safe_state(bus: AdapterBus) -> None:
-    with ExitStack() as stack:
-        plant = start_plant(stack, bus)
-        controller = start_controller(stack, bus)
-        wait_for_mode(bus, Mode.ACTIVE)
-        bus.unplug(PLANT)
-        assert plant.end() == ExitStatus.BUS
-        wait_for_mode(bus, Mode.SAFE_STOP)
-        wait_until(lambda: commands(bus)[-1].steer_rad == 0.0, "straight wheels")
-        assert controller.interrupt() == ExitStatus.OK

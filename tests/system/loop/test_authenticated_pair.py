@@ -1,6 +1,6 @@
 """Controller and plant with authenticated frames: the same run, and nobody else has a say."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import pytest
@@ -218,31 +218,31 @@ def spoofed() -> list[Frame]:
     return frames
 
 
-def test_spoofed_commands_disturb_a_classic_plant(classic: Pair) -> None:
-    """What authentication is for: without a key, anyone who can send can steer."""
-    report = Pair(None, None, others=[Intruder(spoofed())]).plant.report()
-    assert report["second_senders"] == ["STEERING_COMMAND"]
-    assert report["preview_peak_m"] > 2.0 * classic.plant.report()["preview_peak_m"]
+def replayed() -> list[Frame]:
+    """Of a session before, with the same key: every message, in order."""
+    return [heard.frame for heard in Pair(*met(1)).heard]
 
 
-def test_spoofed_commands_change_no_bit_of_an_authenticated_run(authenticated: Pair) -> None:
-    attacker = Intruder(spoofed())
-    pair = Pair(*met(), others=[attacker])
+def other_latency() -> list[Frame]:
+    return [encode(latency_of(Direction.BOTH, 0.4, loss=0.5), 0)]
+
+
+@pytest.mark.parametrize(
+    ("frames", "causes"),
+    [
+        (spoofed, {"forged", "unauthenticated"}),
+        (replayed, {"forged", "replayed", "unauthenticated"}),
+        (other_latency, {"unauthenticated"}),
+    ],
+)
+def test_who_has_no_key_changes_no_bit_of_an_authenticated_run(
+    authenticated: Pair, frames: Callable[[], list[Frame]], causes: set[str]
+) -> None:
+    intruder = Intruder(frames())
+    pair = Pair(*met(2), others=[intruder])
     assert pair.run == authenticated.run
-    assert pair.report["refused"] == {
-        "forged": attacker.sent // 2,
-        "unauthenticated": (attacker.sent + 1) // 2,
-    }
-
-
-def test_replayed_recordings_change_no_bit_of_an_authenticated_run(authenticated: Pair) -> None:
-    """Of a session before, with the same key: of every message, in order, over and over."""
-    earlier = [heard.frame for heard in authenticated.heard]
-    attacker = Intruder(earlier)
-    pair = Pair(*met(1), others=[attacker])
-    assert pair.run == authenticated.run
-    assert sum(pair.report["refused"].values()) == attacker.sent
-    assert set(pair.report["refused"]) <= {"forged", "replayed", "unauthenticated"}
+    assert pair.report["refused"].keys() == causes
+    assert sum(pair.report["refused"].values()) == intruder.sent
 
 
 class Echo:
@@ -284,11 +284,3 @@ def test_frames_repeated_within_the_session_change_no_bit_of_the_run(
         if heard.sender == 2
     )
     assert sum(refused.values()) == echo.sent
-
-
-def test_the_latency_cannot_be_changed_by_who_has_no_key() -> None:
-    config = encode(latency_of(Direction.BOTH, 0.4, loss=0.5), 0)
-    attacker = Intruder([config])
-    pair = Pair(*met(), others=[attacker])
-    assert pair.plant.report()["downlink"]["latency"]["max_s"] < 0.4
-    assert pair.report["refused"] == {"unauthenticated": attacker.sent}
