@@ -40,6 +40,7 @@ class LoopDelay(NamedTuple):
     ``delay_ns``       from a tick to the sample at which its command acts, each by its clock [ns]
     ``path_end``       up to which sample the path's curvature is known, -1 for none
     ``is_measured``    whether STEERING_STATUS and VEHICLE_STATE are both fresh
+    ``settled_sample`` up to which sample all that the filter uses has come, or is lost
     """
 
     tick: int
@@ -48,6 +49,7 @@ class LoopDelay(NamedTuple):
     delay_ns: float
     is_measured: bool
     path_end: int = -1
+    settled_sample: int = -1
 
 
 _NONE: Any = ()
@@ -69,7 +71,7 @@ class History(NamedTuple):
     ``plans``            of a law that plans, by tick: rows of ``controller.history.plan``; its mask
                          is 0 for a law that does not
     ``command_tick``     the tick that sent a command, by the command's number
-    ``yaw_rate_rad_s``   of a sample; valid only where ``has_yaw_rate`` is true [rad/s]
+    ``yaw_rate_rad_s``   of the sample ``yaw_rate_sample``, which may be an earlier one [rad/s]
     """
 
     tick_mask: int
@@ -86,7 +88,7 @@ class History(NamedTuple):
     plans: Sequence[MutableSequence[float]] = ()
     command_tick: MutableSequence[int] = _NONE
     yaw_rate_rad_s: MutableSequence[float] = _NONE
-    has_yaw_rate: MutableSequence[bool] = _NONE
+    yaw_rate_sample: MutableSequence[int] = _NONE
 
 
 def newest_heading_rad(observed: "LawInput") -> float:

@@ -192,7 +192,7 @@ def record_ahead(inbox: Inbox, p: Any, sample: int, arc_length_m: float, speed_m
 @register_jitable(**INLINE)
 def take_arrivals(inbox: Inbox, x: Known, s: Instants, r: Records, now_ns: int) -> Known:
     """Return the knowledge with all arrivals up to now."""
-    arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end = x
+    arrivals, errors, echoes, yaw_rates, commands, vehicle_sample, vehicle_ns, path_end = x
     params, rings, signals = inbox.params, inbox.rings, inbox.signals
     while arrivals < inbox.arrivals.shape[1] and inbox.arrivals[ARRIVED_NS, arrivals] <= now_ns:
         came_ns, sample = inbox.arrivals[ARRIVED_NS, arrivals], inbox.arrivals[OF_SAMPLE, arrivals]
@@ -211,7 +211,11 @@ def take_arrivals(inbox: Inbox, x: Known, s: Instants, r: Records, now_ns: int) 
             )
         elif message == _VEHICLE_STATE:
             vehicle_sample, vehicle_ns = sample, came_ns
-            yaw_rate_step(params, rings, errors, signals[SEEN_YAW_RATE, sample], came_ns)
+            counter = sample // inbox.samples_per_path % COUNTERS
+            yaw_rate_rad_s = signals[SEEN_YAW_RATE, sample]
+            yaw_rates = yaw_rate_step(
+                params, rings, yaw_rates, errors, counter, yaw_rate_rad_s, came_ns
+            )
         else:
             speed_m_s = signals[SEEN_SPEED, vehicle_sample] if vehicle_sample >= 0 else 0.0
             ahead_1_m = inbox.path_ahead_1_m[sample // inbox.samples_per_path]
@@ -219,7 +223,9 @@ def take_arrivals(inbox: Inbox, x: Known, s: Instants, r: Records, now_ns: int) 
                 params, rings, path_end, errors, counter, inbox.path_spacing_m, ahead_1_m, speed_m_s
             )
         arrivals += 1
-    return Known(arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end)
+    return Known(
+        arrivals, errors, echoes, yaw_rates, commands, vehicle_sample, vehicle_ns, path_end
+    )
 
 
 @register_jitable(**INLINE)
@@ -227,7 +233,8 @@ def with_command(inbox: Inbox, x: Known, tick: int, sent_rad: float, is_planned:
     """Return the knowledge with a tick's command."""
     commands = command_step(inbox.rings, x.commands, tick, sent_rad, is_planned)
     return Known(
-        x.arrivals, x.errors, x.echoes, commands, x.vehicle_sample, x.vehicle_ns, x.path_end
+        *(x.arrivals, x.errors, x.echoes, x.yaw_rates, commands),
+        *(x.vehicle_sample, x.vehicle_ns, x.path_end),
     )
 
 
@@ -272,6 +279,6 @@ def known_now(inbox: Inbox, x: Known, tick: int, now_ns: int) -> Now:
         curvature_1_m = inbox.signals[SEEN_CURVATURE, x.vehicle_sample]
         is_stale = now_ns - x.vehicle_ns > inbox.params.limits.vehicle_state_ns
     loop_delay = loop_delay_at(
-        inbox.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns
+        inbox.params, x.errors, x.echoes, x.yaw_rates, x.path_end, x.vehicle_ns, tick, now_ns
     )
     return Now(VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), loop_delay)

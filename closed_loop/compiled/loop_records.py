@@ -8,10 +8,12 @@ from ...controller.history.history import (
     NO_COMMANDS,
     NO_ECHOES,
     NO_ERRORS,
+    NO_YAW_RATES,
     Commands,
     Echoes,
     Errors,
     HistoryParams,
+    YawRates,
 )
 from ...controller.law_interface import History, LoopDelay, VehicleReading
 from ...controller.limits.steer_limits import SteerLimits
@@ -146,6 +148,7 @@ class Known(NamedTuple):
     arrivals: int
     errors: Errors
     echoes: Echoes
+    yaw_rates: YawRates
     commands: Commands
     vehicle_sample: int
     vehicle_ns: int
@@ -159,8 +162,8 @@ class Now(NamedTuple):
     loop_delay: LoopDelay
 
 
-NOW_UNKNOWN = Now(VehicleReading(0.0, 0.0, 0.0, False), LoopDelay(0, -1, -1, 0.0, False, -1))
-NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1, -1)
+NOW_UNKNOWN = Now(VehicleReading(0.0, 0.0, 0.0, False), LoopDelay(0, -1, -1, 0.0, False, -1, -1))
+NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_YAW_RATES, NO_COMMANDS, -1, -1, -1)
 
 
 class Progress(NamedTuple):

@@ -83,7 +83,8 @@ class _LoopInput:
         last = timing.first_sample + timing.samples
         for sample in range(max(0, last - RING_SIZE + 1), last + 1):
             rings.has_error[sample % RING_SIZE] = True
-            rings.has_yaw_rate[sample % RING_SIZE] = every > 0 and sample % every == 0
+            has_yaw_rate = every > 0 and sample % every == 0
+            rings.yaw_rate_sample[sample % RING_SIZE] = sample if has_yaw_rate else -1
             rings.applied_tick[sample % RING_SIZE] = timing.applied_tick(sample)
 
     def observed(self, tick: int) -> LawInput:
@@ -93,7 +94,7 @@ class _LoopInput:
             self.lateral_error_m[newest % RING_SIZE],
             self.sent_rad[(tick - 1) % RING_SIZE],
             VehicleReading(self._speed_m_s, 0.0, 0.0),
-            LoopDelay(tick, newest, newest, self._delay_ns, True),
+            LoopDelay(tick, newest, newest, self._delay_ns, True, -1, newest),
             self._history,
         )
 

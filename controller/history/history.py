@@ -33,6 +33,11 @@ _MASK = RING_SIZE - 1
 _NO_COMMAND = int(SteeringStatusCode.NO_COMMAND)
 _OVERRULED_FROM = int(SteeringStatusCode.LIMITED_BY_SAFETY)
 """From this code on the wheel's target is not the command named by the echo."""
+_COUNTED, _LATE_MAX, _LATE_AT_FIRST = 100, 1.5, 16.0
+"""So many yaw rates that are as many samples late in the mean, or the first one that is, begin
+otherwise than the errors: beyond what jitter explains; chosen."""
+_WAITED_FOR = 16
+"""Samples after which a yaw rate that has not come counts as lost; chosen."""
 
 
 class HistoryParams(NamedTuple):
@@ -58,6 +63,19 @@ class Echoes(NamedTuple):
     delay: DelayState
 
 
+class YawRates(NamedTuple):
+    """The newest VEHICLE_STATE: its sample, -1 before the first, and how samples are counted.
+
+    ``first``           the sample of the one with counter 0, modulo COUNTERS
+    ``states``, ``late``  of those compared with the clock: how many, and by how many samples in all
+    """
+
+    sample: int
+    first: int
+    states: int
+    late: float
+
+
 class Commands(NamedTuple):
     """Commands sent so far, and the tick of the newest, -1 before the first."""
 
@@ -68,6 +86,7 @@ class Commands(NamedTuple):
 NO_ERRORS = Errors(-1, 0, NO_RATE)
 NO_ECHOES = Echoes(-1, 0, NO_DELAY)
 NO_COMMANDS = Commands(0, -1)
+NO_YAW_RATES = YawRates(-1, 0, 0, 0.0)
 
 
 def error_step(
@@ -85,9 +104,9 @@ def error_step(
     if sample < 0:  # before the first received frame
         return x
     for lost in range(max(x.sample + 1, sample - RING_SIZE), sample):
-        rings.has_error[lost & _MASK] = rings.has_yaw_rate[lost & _MASK] = False
+        rings.has_error[lost & _MASK] = False
     index = sample & _MASK
-    rings.has_error[index], rings.has_yaw_rate[index] = True, False
+    rings.has_error[index] = True
     rings.lateral_error_m[index] = lateral_error_m
     rings.heading_error_rad[index] = heading_error_rad
     rate = rate_step(p.loop_delay.sensor_period_ns, x.rate, x.arrival_ns, sample, now_ns)
@@ -95,12 +114,34 @@ def error_step(
 
 
 def yaw_rate_step(
-    p: HistoryParams, rings: History, errors: Errors, yaw_rate_rad_s: float, now_ns: int
-) -> None:
-    """Store a yaw rate at the sample of the measurement that it came with."""
-    if errors.sample >= 0 and 2 * (now_ns - errors.arrival_ns) < p.loop_delay.sensor_period_ns:
-        index = errors.sample & _MASK
-        rings.yaw_rate_rad_s[index], rings.has_yaw_rate[index] = yaw_rate_rad_s, True
+    p: HistoryParams,
+    rings: History,
+    x: YawRates,
+    errors: Errors,
+    counter: int,
+    yaw_rate_rad_s: float,
+    now_ns: int,
+) -> YawRates:
+    """Store a yaw rate at the sample at which it was taken, whenever it comes.
+
+    The plant counts a VEHICLE_STATE every ``yaw_rate_samples``, from its first sample on. The clock
+    shows where a sender has begun otherwise: at the first frame, and by the mean of many.
+    """
+    every = p.loop_delay.yaw_rate_samples
+    if every == 0 or errors.sample < 0:
+        return x
+    expected = errors.sample + (now_ns - errors.arrival_ns) / p.loop_delay.sensor_period_ns
+    sample = unwrapped((x.first + every * counter) % COUNTERS, int(expected), COUNTERS)
+    states, late = x.states + 1, x.late + (expected - sample)
+    tolerance = _LATE_MAX if states == _COUNTED else _LATE_AT_FIRST
+    if (x.sample < 0 or states == _COUNTED) and abs(late) > tolerance * states:
+        first = (x.first + int((late / states + 0.5) // 1.0)) % COUNTERS
+        return YawRates(x.sample, first, 0, 0.0)
+    index = sample & _MASK
+    rings.yaw_rate_rad_s[index], rings.yaw_rate_sample[index] = yaw_rate_rad_s, sample
+    if states == _COUNTED:
+        return YawRates(sample, x.first, 0, 0.0)
+    return YawRates(sample, x.first, states, late)
 
 
 def echo_step(
@@ -193,6 +234,7 @@ def loop_delay_at(
     p: HistoryParams,
     errors: Errors,
     echoes: Echoes,
+    yaw_rates: YawRates,
     path_end: int,
     vehicle_ns: int,
     tick: int,
@@ -203,13 +245,16 @@ def loop_delay_at(
     ``vehicle_ns``  when the newest VEHICLE_STATE arrived, -1 for none
     """
     if vehicle_ns < 0:
-        return LoopDelay(tick, -1, -1, 0.0, False, path_end)
+        return LoopDelay(tick, -1, -1, 0.0, False, path_end, -1)
     if echoes.sample < 0:
-        return LoopDelay(tick, errors.sample, -1, 0.0, False, path_end)
+        return LoopDelay(tick, errors.sample, -1, 0.0, False, path_end, -1)
     is_recent = now_ns - vehicle_ns <= p.limits.vehicle_state_ns
     is_measured = is_recent and not _is_late(p, echoes, now_ns) and not errors.rate.is_wrong
     delay_ns = delay_of(p.loop_delay, echoes.delay, echoes.sample)
-    return LoopDelay(tick, errors.sample, echoes.sample, delay_ns, is_measured, path_end)
+    settled, every = min(errors.sample, echoes.sample), p.loop_delay.yaw_rate_samples
+    if every:
+        settled = min(settled, max(yaw_rates.sample + every - 1, errors.sample - _WAITED_FOR))
+    return LoopDelay(tick, errors.sample, echoes.sample, delay_ns, is_measured, path_end, settled)
 
 
 def _sample_of(
@@ -258,7 +303,7 @@ def empty_history(*, keeps_plans: bool) -> History:
         plans=[[0.0] * ROW_LENGTH for _ in range(size if keeps_plans else 1)],
         command_tick=[-1] * size,
         yaw_rate_rad_s=[0.0] * size,
-        has_yaw_rate=[False] * size,
+        yaw_rate_sample=[-1] * size,
     )
 
 
@@ -272,15 +317,18 @@ class BusHistory:
         self.history = empty_history(keeps_plans=keeps_plans)
         self._errors = NO_ERRORS
         self._echoes = NO_ECHOES
-        self._commands = NO_COMMANDS
+        self._commands, self._yaw_rates = NO_COMMANDS, NO_YAW_RATES
         self._vehicle_ns = -1
         self._path_end = -1
         self._first_period: int | None = None
 
-    def on_vehicle(self, yaw_rate_rad_s: float, now_ns: int) -> None:
+    def on_vehicle(self, yaw_rate_rad_s: float, counter: int, now_ns: int) -> None:
         """Store the yaw rate, and record that the vehicle's speed is known."""
         self._vehicle_ns = now_ns
-        yaw_rate_step(self._params, self.history, self._errors, yaw_rate_rad_s, now_ns)
+        params, rings, yaw_rates, errors = self._params, self.history, self._yaw_rates, self._errors
+        self._yaw_rates = yaw_rate_step(
+            params, rings, yaw_rates, errors, counter, yaw_rate_rad_s, now_ns
+        )
 
     def on_path(self, path: PathAhead, speed_m_s: float) -> None:
         """Store the path ahead, at the vehicle's speed."""
@@ -321,9 +369,11 @@ class BusHistory:
 
     def loop_delay(self, period: int, now_ns: int) -> LoopDelay:
         """Return the delay in a control period."""
-        tick, errors, echoes = self._tick(period), self._errors, self._echoes
-        path_end, vehicle_ns = self._path_end, self._vehicle_ns
-        return loop_delay_at(self._params, errors, echoes, path_end, vehicle_ns, tick, now_ns)
+        errors, echoes, yaw_rates = self._errors, self._echoes, self._yaw_rates
+        tick, path_end, vehicle_ns = self._tick(period), self._path_end, self._vehicle_ns
+        return loop_delay_at(
+            self._params, errors, echoes, yaw_rates, path_end, vehicle_ns, tick, now_ns
+        )
 
     def sensor_period(self) -> Mapping[str, Any]:
         """Return whether the sensors' period agrees with its setting, ready for JSON.

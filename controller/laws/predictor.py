@@ -157,8 +157,8 @@ def outlook_of(p: PredictorParams, x: PredictorState, observed: LawInput) -> Out
     gains = measured_gains(p.measured, measured)
     newest, horizon, is_predicting = estimate, 0.0, False
     if estimate.sample >= 0:
-        known = min(loop_delay.error_sample, loop_delay.echo_sample)
-        estimate = estimate_to(p.loop_delay, gains, estimate, loop_delay, history, known)
+        settled = loop_delay.settled_sample
+        estimate = estimate_to(p.loop_delay, gains, estimate, loop_delay, history, settled)
         newest = estimate_to(
             p.loop_delay, gains, estimate, loop_delay, history, loop_delay.error_sample
         )

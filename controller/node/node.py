@@ -156,7 +156,7 @@ class ControllerNode:
             self._law.on_speed(speed_m_s)
             self._supervisor.goes_forward = speed_m_s >= NOT_FORWARD_M_S
             if read is not None:
-                read.on_vehicle(message.yaw_rate_rad_s, now_ns)
+                read.on_vehicle(message.yaw_rate_rad_s, received.states.counter, now_ns)
         elif type(message) is PathAhead and read is not None:
             read.on_path(message, received.vehicle.speed_m_s)
         elif type(message) is HandWheelState and self._driver is not None:

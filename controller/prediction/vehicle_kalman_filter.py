@@ -13,7 +13,7 @@ K at each speed (``controller.prediction.gains_over_speed``) is the steady-state
 sample before was measured, too. After a gap it weighs the measurement as what the model has lost
 by then, for the next of 2, 4 ... ``GAP_MAX`` samples: the steady-state gain would let the error
 grow where only every third or fourth measurement comes. r is used where the estimator's settings
-give its noise and the sample's VEHICLE_STATE came.
+give its noise and the sample's VEHICLE_STATE came, also without the sample's LATERAL_ERROR.
 u[k] is what the plant reported as applied from sample k to k + 1: the command named by the echo, or
 the wheel angle while the steering overrules commands (hold, fallback, limits). With a lag the
 reported wheel angle is used too: what a step of the model does not explain is taken for another
@@ -336,12 +336,18 @@ def estimate_to(
         x = step_on_path(g, loop_delay, history, x, command_from(p, loop_delay, history, x.sample))
         x = at_measured_wheel(g, loop_delay, history, x)
         index = x.sample & history.sample_mask
-        if history.has_error[index]:
+        has_error = history.has_error[index]
+        has_yaw_rate = p.yaw_rate_samples > 0 and history.yaw_rate_sample[index] == x.sample
+        if has_error or has_yaw_rate:
             k = correction_at(g, history, x.sample)
+            # What has not come is as the model has it.
+            error_m, heading_rad = x.lateral_error_m, x.heading_error_rad
             yaw_rate_rad_s = x.yaw_rate_rad_s
-            if p.yaw_rate_samples and history.has_yaw_rate[index]:
+            if has_error:
+                error_m = history.lateral_error_m[index]
+                heading_rad = history.heading_error_rad[index]
+            if has_yaw_rate:
                 yaw_rate_rad_s = history.yaw_rate_rad_s[index]
-            error_m, heading_rad = history.lateral_error_m[index], history.heading_error_rad[index]
             x = correction_step(k, x, error_m, heading_rad, yaw_rate_rad_s)
     return x
 

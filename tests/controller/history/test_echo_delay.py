@@ -75,7 +75,7 @@ def test_a_counter_of_16_bits_is_unwrapped_within_half_a_round(number: int, off:
 def test_samples_and_ticks_are_numbered_through_many_rounds_of_the_counters() -> None:
     fed = driven(3000, latency=7)
     loop_delay = fed.loop_delay(3000)
-    assert loop_delay == LoopDelay(3000, 2999, 2999, 65.0 * MS, True)
+    assert loop_delay == LoopDelay(3000, 2999, 2999, 65.0 * MS, True, -1, 2999)
     history = fed.history.history
     for sample in (2000, 2600, 2999):
         assert history.lateral_error_m[sample & history.sample_mask] == 0.001 * sample
@@ -89,7 +89,7 @@ def test_nothing_is_known_before_the_speed_is() -> None:
     history.on_error(error(0.1), 0, 0)
     history.on_echo(echo(0, NO_COMMAND), 0, 0)
     assert history.loop_delay(0, 0) == LoopDelay(0, -1, -1, 0.0, False)
-    history.on_vehicle(0.0, 0)
+    history.on_vehicle(0.0, 0, 0)
     assert history.loop_delay(0, 0).error_sample == 0
 
 
@@ -141,7 +141,7 @@ def test_echoes_that_stop_make_the_delay_unknown_after_the_timeout() -> None:
     fed = driven(50, latency=3)
     last_ns = 49 * PERIOD_NS
     timeout_ns = LIMITS.steering_status_ns
-    fed.history.on_vehicle(0.0, last_ns + timeout_ns)
+    fed.history.on_vehicle(0.0, 0, last_ns + timeout_ns)
     assert fed.history.loop_delay(79, last_ns + timeout_ns).is_measured
     assert not fed.history.loop_delay(80, last_ns + timeout_ns + 1).is_measured
 
@@ -152,7 +152,7 @@ def test_a_speed_that_is_too_old_makes_the_delay_unknown_but_what_is_known_of_it
     fresh, stale = fed.history.loop_delay(64, until_ns), fed.history.loop_delay(64, until_ns + 1)
     assert fresh.is_measured
     assert stale == fresh._replace(is_measured=False)
-    fed.history.on_vehicle(0.0, until_ns + 1)
+    fed.history.on_vehicle(0.0, 0, until_ns + 1)
     assert fed.history.loop_delay(64, until_ns + 1) == fresh
 
 

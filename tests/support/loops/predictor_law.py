@@ -25,7 +25,7 @@ def history(
         [applied(sample) for sample in range(64)],
         [sample in overruled for sample in range(64)],
         [overruled.get(sample, math.nan) for sample in range(64)],
-        has_yaw_rate=[False] * 64,
+        yaw_rate_sample=[-1] * 64,
     )
 
 

@@ -35,7 +35,7 @@ class FedHistory:
         now_ns = number * PERIOD_NS
         status = echo(0, NO_COMMAND) if counter is None else echo(counter % (1 << 16))
         self.history.on_echo(status, number % 256, now_ns)
-        self.history.on_vehicle(0.0, now_ns)
+        self.history.on_vehicle(0.0, number % 256, now_ns)
         self.history.on_error(error(0.001 * number), number % 256, now_ns)
 
     def loop_delay(self, period: int) -> LoopDelay:

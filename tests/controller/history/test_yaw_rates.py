@@ -1,0 +1,57 @@
+"""Yaw rates, stored at the samples at which they were taken."""
+
+import random
+
+import pytest
+
+from steer_by_wire.controller.history.echo_delay import LoopDelayParams
+from steer_by_wire.controller.history.history import BusHistory
+from tests.support.nodes.fed_history import LIMITS, MS, PERIOD_NS, error
+
+EVERY = 2
+PARAMS = LoopDelayParams(PERIOD_NS, PERIOD_NS, 50.0, yaw_rate_samples=EVERY)
+
+
+def late_by_s(deviation_s: float, first_counter: int = 0, samples: int = 3000) -> BusHistory:
+    """Return the history after frames that are late by a drawn time; a newer one wins."""
+    rng, history = random.Random(1), BusHistory(PARAMS, LIMITS)
+    frames = []
+    for sample in range(samples):
+        for is_state in (False, True)[: 1 + (sample % EVERY == 0)]:
+            late_ns = round(40 * MS + 1e9 * rng.gammavariate(4.0, 0.5) * deviation_s)
+            frames.append((sample * PERIOD_NS + late_ns, is_state, sample))
+    newest = [-1, -1]
+    for arrival_ns, is_state, sample in sorted(frames):
+        if sample < newest[is_state]:
+            continue
+        newest[is_state] = sample
+        if is_state:
+            counter = (sample // EVERY + first_counter) % 256
+            history.on_vehicle(1e-4 * sample, counter, arrival_ns)
+        else:
+            history.on_error(error(0.0), sample % 256, arrival_ns)
+    return history
+
+
+@pytest.mark.parametrize("deviation_s", [0.0, 0.01, 0.02])
+@pytest.mark.parametrize("first_counter", [0, 77])
+def test_yaw_rates_are_of_the_sample_that_took_them(deviation_s: float, first_counter: int) -> None:
+    """Whenever they come; where the counters began elsewhere, within what jitter leaves unknown."""
+    rings = late_by_s(deviation_s, first_counter).history
+    stored = [sample for sample in range(1000, 3000) if rings.yaw_rate_sample[sample] == sample]
+    assert len(stored) > (990 if deviation_s == 0.0 else 600)
+    apart = [abs(rings.yaw_rate_rad_s[sample] - 1e-4 * sample) for sample in stored]
+    assert max(apart) < (1e-9 if first_counter == 0 or deviation_s == 0.0 else 1.6e-4)
+
+
+def test_the_filter_waits_for_a_yaw_rate_but_not_for_a_lost_one() -> None:
+    history = BusHistory(PARAMS, LIMITS)
+    history.on_error(error(0.0), 0, 0)
+    history.on_vehicle(0.0, 0, 0)
+    settled = []
+    for sample in range(1, 40):
+        now_ns = sample * PERIOD_NS
+        history.on_error(error(0.0), sample, now_ns)
+        history._echoes = history._echoes._replace(sample=sample, arrival_ns=now_ns)
+        settled.append(history.loop_delay(sample, now_ns).settled_sample)
+    assert settled == [max(1, sample - 16) for sample in range(1, 40)]
