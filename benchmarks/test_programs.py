@@ -21,7 +21,7 @@ from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_plant, run_
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
 
 PRESETS = {"plant_emulator": "paper_nominal", "controller": "practical_pd_ddob"}
 MAKEFILE = Path(__file__).parents[1] / "examples/foreign_controller_c/Makefile"
@@ -86,7 +86,7 @@ def test_lockstep(
     def run() -> None:
         _, edge = make_virtual_plant(PlantSettings(duration_s=60.0))
         with controller_node(controllers[name]) as node:
-            run_virtual_nodes(edge, node, QuietBus(QUIET_BUS.bitrate_bit_s), None, lambda: False)
+            run_virtual_nodes(edge, node, BusModel(QUIET_BUS.bitrate_bit_s), None, lambda: False)
         assert not node.report()["failure"]
 
     benchmark.pedantic(run, rounds=5)

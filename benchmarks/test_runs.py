@@ -20,7 +20,7 @@ from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
 
 RUNS = 40
 WIRES = {"ideal wire": None, "500 kbit/s": QUIET_BUS.bitrate_bit_s}
@@ -56,7 +56,7 @@ def test_virtual_time(wire: str, benchmark: Any) -> None:
         pair = make_virtual_pair(
             PlantSettings(duration_s=20.0), controller_preset("practical_pd_ddob")
         )
-        bus = None if bitrate_bit_s is None else QuietBus(bitrate_bit_s)
+        bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
         return (pair.edge, pair.controller, bus, None, lambda: False), {}
 
     benchmark.pedantic(run_virtual_nodes, setup=prepared, rounds=7)

@@ -13,6 +13,7 @@ from ...plant_emulator.faults.messages_on_bus import messages_in
 from ...plant_emulator.faults.stage import with_faults
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, ReportingNode
@@ -21,7 +22,7 @@ from ...runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
 from ...runtime.program.garbage_collection import no_collections
 from ...runtime.recording.candump import CandumpLog
 from .pair_result import PairResult, Trace
-from .virtual_bus import QUIET_BUS, SharedBus, virtual_bus
+from .virtual_bus import QUIET_BUS, Controlled, virtual_bus
 
 SLICE_NS = 1_000_000_000
 START_S_MAX = 60
@@ -108,8 +109,8 @@ def run_virtual_nodes(
     with ExitStack() as stack:
         stack.enter_context(no_collections())
         nodes: tuple[ReportingNode, ...] = (plant, controller, *others)
-        if isinstance(bus, SharedBus):
-            nodes = tuple(bus.behind_controller(node, index) for index, node in enumerate(nodes))
+        if isinstance(bus, BusModel) and bus.errors is not None:
+            nodes = tuple(Controlled(node, index, bus) for index, node in enumerate(nodes))
         if candump_log is not None:
             on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
         executor = VirtualTimeExecutor(nodes, bus, on_wire)

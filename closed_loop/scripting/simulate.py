@@ -256,7 +256,7 @@ def _run_virtual(
     hand_wheel: HandWheelSettings | None,
     bus: BusSettings | None,
 ) -> Run:
-    from ...runtime.bus_model.transmit_queue import BusOverflowError
+    from ...runtime.bus_model.bus_model import BusOverflowError
     from ..pair.virtual_bus import virtual_bus
     from ..pair.virtual_pair import START_S_MAX, make_virtual_pair, run_virtual_nodes, waits_in_vain
 

@@ -5,7 +5,6 @@ errors and clocks, the nodes themselves run on it, some thousand times slower. T
 may be a program in lockstep: its commands are known from the bus.
 """
 
-from contextlib import suppress
 from functools import partial
 from itertools import repeat
 from typing import NamedTuple
@@ -21,10 +20,7 @@ from ...plant_emulator.path.cg_deviation import cg_deviation_m
 from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
-from ...runtime.bus_model.quiet_bus import QuietBus
-from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.frame import Frame
-from ...runtime.node.virtual_time_loop import Wire
 from ..lockstep.node import LockstepNode, controller_in, controller_node
 from ..pair.pair_result import Trace
 from ..pair.virtual_bus import shared_bus
@@ -131,16 +127,7 @@ def figures_of_trace(
 
 
 def _ran(pair: Pair) -> Ran:
-    bus = pair.bus
-    if bus is None:
-        return _ran_over(None, pair)
-    if not (bus.has_traffic or bus.has_errors):
-        with suppress(BusOverflowError):  # of a bit rate too low for the pair: frames are refused
-            return _ran_over(QuietBus(bus.bitrate_bit_s), pair)
-    return _ran_over(shared_bus(bus, pair.plant.seed), pair)
-
-
-def _ran_over(wire: Wire | None, pair: Pair) -> Ran:
+    bus = None if pair.bus is None else shared_bus(pair.bus, pair.plant.seed)
     language = read_language(pair.dialect)
     plant, edge = make_virtual_plant(pair.plant, language=language)
     listening = language.listening()
@@ -157,5 +144,5 @@ def _ran_over(wire: Wire | None, pair: Pair) -> Ran:
 
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
         node, in_vain = controller_in(language, controller), waits_in_vain(plant, START_S_MAX)
-        run_virtual_nodes(edge, node, wire, None, in_vain, on_wire)
+        run_virtual_nodes(edge, node, bus, None, in_vain, on_wire)
     return Ran(plant, controller, sent_rad, watch.reactions(edge.report().get("faults", ())))

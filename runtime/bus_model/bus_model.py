@@ -3,8 +3,8 @@
 Rules:
 
 1. Whenever the bus is free, all waiting frames compete, including those submitted at that instant.
-   The lowest arbitration field wins; of equal ones, the first submitted. ``transmit_queue`` says
-   which frames of a sender compete.
+   The lowest arbitration field wins; of equal ones, the first submitted. A sender has a transmit
+   buffer for each identifier, so that none of its frames waits behind one of lower priority.
 2. A frame on the wire is never interrupted.
 3. A frame is complete at its end of frame, and the next one may start three bits (intermission)
    later. Someone always acknowledges; clock tolerance is not modelled.
@@ -17,48 +17,50 @@ Two nodes sending equal arbitration fields at once is an error on a real bus; he
 Times are integer nanoseconds at the interface, and ticks (``bit_ticks``) inside. An end is rounded
 up to the next nanosecond only when it is returned.
 
-It serves the emulated bus in real time, and virtual time where ``quiet_bus`` is not enough.
+It serves the emulated bus in real time, and virtual time.
 """
 
+from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 from ..frame import Frame
 from ..frame.arbitration import arbitration_field
-from ..frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
+from ..frame.length_with_stuff_bits import INTERMISSION_BITS, bits_of_eight_bytes
 from ..node import NEVER_NS
+from ..node.virtual_time_loop import Delivered
 from .bit_ticks import bit_ticks
 from .bus_errors import BusErrors, error_end_ticks
 from .rest_bus import RestBus
 from .socketcan_error_frames import BIT_ERROR
-from .transmit_queue import BusOverflowError, TransmitQueue, Waiting
 
 NO_NODE = -1
 """Sender of an error frame, which every controller sends."""
+_ON_WIRE = -1
+"""Arbitration field of a frame that has won the bus: it stays the first."""
 
 
-class Delivery(NamedTuple):
-    """A frame that is complete on the wire.
-
-    ``end_ns``  time of its end of frame [ns]
-    ``sender``  who submitted it; negative for the traffic, and for an error frame
-    """
-
-    end_ns: int
-    sender: int
-    frame: Frame
+class BusOverflowError(RuntimeError):
+    """A sender's transmit buffer is full."""
 
 
 class BusLoad(NamedTuple):
     """Totals of the bus.
 
-    ``frames``   complete frames
-    ``busy_ns``  time they took, intermissions included [ns]
-    ``refused``  frames not taken because their transmit buffer was full
+    ``frames``    complete frames
+    ``busy_ns``   time they took, intermissions included [ns]
+    ``refused``   frames not taken because their transmit buffer was full
+    ``until_ns``  the time that the totals cover, without a frame that is on the wire [ns]
     """
 
     frames: int
     busy_ns: int
     refused: int
+    until_ns: int
+
+    @property
+    def busy_share(self) -> float:
+        """Share of the time that the bus was busy, 0 to 1."""
+        return self.busy_ns / max(self.until_ns, 1)
 
 
 class BusModel:
@@ -66,13 +68,15 @@ class BusModel:
 
     ``bitrate_bit_s``       nominal bit rate [bit/s]
     ``data_bitrate_bit_s``  that of FD frames' data phase with BITRATE_SWITCH; the same unless given
-    ``queue_limit``         size of each transmit buffer [frames]
+    ``queue_limit``         size of each transmit buffer [frames]; those of the traffic have one
     ``errors``              noise and error counters; without them every frame is sent whole
     ``traffic``             what else is sent, by nodes of negative numbers
+    ``is_lossy``            whether a frame without room is lost and counted, as on a real bus
 
-    ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with no submitted frame
-                       on the bus: no one waits for the traffic. Until the bus is free this may
-                       change with every submission. With ``traffic`` it is a lower bound
+    ``next_event_ns``    when the next frame will be complete [ns]; NEVER_NS with no submitted frame
+                         on the bus: no one waits for the traffic. Until the bus is free this may
+                         change with every submission. With ``traffic`` it is a lower bound
+    ``lost_in_bus_off``  frames of senders in bus-off
 
     Raises ValueError for a rate or a limit that is not positive.
     """
@@ -85,162 +89,159 @@ class BusModel:
         *,
         errors: BusErrors | None = None,
         traffic: RestBus | None = None,
+        is_lossy: bool = False,
     ) -> None:
+        if queue_limit <= 0:
+            raise ValueError(f"the limit of a transmit buffer must be positive, not {queue_limit}")
         data_rate = bitrate_bit_s if data_bitrate_bit_s is None else data_bitrate_bit_s
         ticks = self._ticks = bit_ticks(bitrate_bit_s, data_rate)
-        self._ticks_per_ns, self._bit_ticks, self._data_bit_ticks = ticks
+        self._per_ns, self._bit_ticks, _ = ticks
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
-        self._queue = TransmitQueue(queue_limit)
-        self._errors, self._traffic = errors, traffic
+        self._queue_limit = queue_limit
+        self.errors, self.is_lossy, self._traffic = errors, is_lossy, traffic
         if traffic is not None:
             traffic.join(ticks)
-        self._is_destroyed = False
-        self._on_wire: Waiting | None = None
-        self._end_ticks = self._next_start_ticks = 0
-        self._settled_ticks, self._completed = -1, list[Delivery]()
-        self._frames = self._busy_ticks = self.lost_in_bus_off = 0
-        self._awaited = 0
-        """Frames that were submitted and are not complete."""
-        self._look_ahead()
+        self._queue: list[tuple[int, int, int, int, Frame]] = []
+        """Arbitration field, number, duration, sender and frame of those not complete yet; a heap.
+
+        The first has the bus, or will have it unless another comes before ``_free_ticks``."""
+        self._completed: list[Delivered] = []
+        self._free_ticks = self._idle_ticks = 0
+        """When the first of the queue starts, or has started; and how long the bus was idle."""
+        self._submitted = self._frames = self._refused = self.lost_in_bus_off = 0
+        self.next_event_ns = NEVER_NS
 
     @property
     def load(self) -> BusLoad:
         """Totals so far."""
-        return BusLoad(self._frames, self._ticks.whole_ns(self._busy_ticks), self._queue.refused)
-
-    @property
-    def load_until_ns(self) -> int:
-        """Time that the totals cover, up to the last instant asked for or intermission."""
-        return self._ticks.whole_ns(max(self._settled_ticks, self._next_start_ticks))
+        busy_ns = self._ticks.whole_ns(self._free_ticks - self._idle_ticks)
+        until_ns = self._ticks.whole_ns(self._free_ticks)
+        return BusLoad(self._frames, busy_ns, self._refused, until_ns)
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Queue ``frame`` of ``sender``, ready to compete from ``now_ns`` on.
 
-        Raises ValueError for a frame that cannot be sent, BusOverflowError for a full buffer.
+        Raises ValueError for a frame that cannot be sent, BusOverflowError for a full buffer unless
+        the bus is lossy.
         """
-        nominal_bits, data_bits = frame_bits(frame)
-        now_ticks = now_ns * self._ticks_per_ns
-        if now_ticks > self._decided_until_ticks:
-            self._settle(now_ticks)
-            self._look_ahead()
-        if self._errors is not None and self._errors.is_off(sender, now_ticks):
+        can_id, data, flags = frame
+        if not flags and len(data) == 8:  # most are
+            duration_ticks = bits_of_eight_bytes(can_id, data) * self._bit_ticks
+            arbitration = can_id << 21
+        else:
+            duration_ticks = self._ticks.of_frame(frame)
+            arbitration = arbitration_field(frame)
+        if self._traffic is not None:
+            self._release_before(now_ns, self._traffic)
+        now_ticks, queue = now_ns * self._per_ns, self._queue
+        if self._free_ticks < now_ticks:
+            self._carry(now_ticks)
+        if self.errors is not None and self.errors.is_off(sender, now_ticks):
             self.lost_in_bus_off += 1
-            return
-        duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
-        queue, arbitration = self._queue, arbitration_field(frame)
-        entry = queue.push(arbitration, duration_ticks, sender, frame)
-        self._awaited += 1
-        if self._on_wire is None and self._next_start_ticks < now_ticks:
-            self._next_start_ticks = now_ticks
-        is_next = self._on_wire is None and queue.competing[0] is entry
-        if is_next or self.next_event_ns == NEVER_NS:
+        elif len(queue) < self._queue_limit or self._has_room(
+            arbitration, sender, self._queue_limit
+        ):
+            self._submitted = number = self._submitted + 1
+            entry = arbitration, number, duration_ticks, sender, frame
+            heappush(queue, entry)
+            if queue[0] is entry and not self._completed:
+                self._look_ahead()
+        elif not self.is_lossy:
+            raise BusOverflowError(
+                f"sender {sender} has {self._queue_limit} frames of identifier 0x{can_id:03X} "
+                "waiting for the bus"
+            )
+        if self._traffic is not None:
             self._look_ahead()
 
     def is_off(self, sender: int, now_ns: int) -> bool:
         """Whether a sender is in bus-off; lets it take part again when that is over."""
-        return self._errors is not None and self._errors.is_off(sender, now_ns * self._ticks_per_ns)
+        return self.errors is not None and self.errors.is_off(sender, now_ns * self._per_ns)
 
-    def advance(self, now_ns: int) -> list[Delivery]:
+    def advance(self, now_ns: int) -> list[Delivered]:
         """Return the frames completed up to ``now_ns`` and not returned before, in order."""
-        now_ticks = now_ns * self._ticks_per_ns
-        if now_ticks > self._decided_until_ticks:
-            self._settle(now_ticks)
+        if self._traffic is not None:
+            self._release_before(now_ns, self._traffic)
+        self._carry(now_ns * self._per_ns)
         completed, self._completed = self._completed, []
         self._look_ahead()
         return completed
 
     def _look_ahead(self) -> None:
-        """Find the next end of a frame, and the time up to which there is no arbitration."""
-        if self._on_wire is not None:
-            end_ticks = self._end_ticks
-            self._decided_until_ticks = end_ticks - 1
-        elif competing := self._queue.competing:
-            self._decided_until_ticks = self._next_start_ticks
-            end_ticks = self._next_start_ticks + competing[0].duration_ticks
-        else:
-            self._decided_until_ticks = end_ticks = NEVER_NS * self._ticks_per_ns
-        if self._traffic is not None:
-            if self._on_wire is None:
-                self._decided_until_ticks = self._settled_ticks
-            if not self._awaited:
-                end_ticks = NEVER_NS * self._ticks_per_ns
+        """Find the next end of a frame."""
+        queue = self._queue
         if self._completed:
-            self.next_event_ns = self._completed[0].end_ns
+            self.next_event_ns = self._completed[0][0]
+        elif not queue or (self._traffic is not None and all(one[3] < 0 for one in queue)):
+            self.next_event_ns = NEVER_NS
         else:
-            self.next_event_ns = -(-end_ticks // self._ticks_per_ns)
+            end_ticks = self._free_ticks + queue[0][2]
+            if self.errors is not None:
+                end_ticks, _ = self._end_in_noise(end_ticks, self.errors)
+            self.next_event_ns = -(-end_ticks // self._per_ns)
 
-    def _settle(self, now_ticks: int) -> None:
-        """Let the traffic release its frames before now, and the bus carry what competes."""
-        if (traffic := self._traffic) is not None:
-            while (due_ticks := traffic.next_due_ns * self._ticks_per_ns) < now_ticks:
-                self._carry(due_ticks)
-                self._take_release(traffic, due_ticks)
-        self._carry(now_ticks)
+    def _release_before(self, now_ns: int, traffic: RestBus) -> None:
+        """Let the messages of the traffic compete that are due before now and have room."""
+        while (due_ns := traffic.next_due_ns) < now_ns:
+            self._carry(due_ns * self._per_ns)
+            arbitration, duration_ticks, sender, frame = traffic.ready
+            has_room = self._has_room(arbitration, sender, 1)
+            if has_room and not self.is_off(sender, due_ns):
+                self._submitted = number = self._submitted + 1
+                heappush(self._queue, (arbitration, number, duration_ticks, sender, frame))
+            traffic.release(counts_on=has_room)
 
-    def _take_release(self, traffic: RestBus, due_ticks: int) -> None:
-        """Let the next message of the traffic compete, if its buffer is free."""
-        if self._on_wire is None and self._next_start_ticks < due_ticks:
-            self._next_start_ticks = due_ticks
-        arbitration, duration_ticks, sender, frame = traffic.ready
-        counts_on = True
-        if self._errors is None or not self._errors.is_off(sender, due_ticks):
-            try:
-                self._queue.push(arbitration, duration_ticks, sender, frame)
-            except BusOverflowError:
-                counts_on = False
-        traffic.release(counts_on=counts_on)
+    def _has_room(self, arbitration: int, sender: int, limit: int) -> bool:
+        """Whether a transmit buffer has room; counts the frame as refused if not."""
+        waiting = sum(field == arbitration and by == sender for field, _, _, by, _ in self._queue)
+        self._refused += waiting >= limit
+        return waiting < limit
 
     def _carry(self, now_ticks: int) -> None:
         """Complete frames that have ended by now, and decide all arbitrations before now.
 
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
-        competing, on_wire, end_ticks = self._queue.competing, self._on_wire, self._end_ticks
-        errors = self._errors
-        while True:
-            if on_wire is None:
-                if not competing or self._next_start_ticks >= now_ticks:
-                    break
-                start_ticks, on_wire = self._next_start_ticks, competing[0]
-                end_ticks = start_ticks + on_wire.duration_ticks
-                self._queue.remove(on_wire)
-                if errors is not None:
-                    hit_ns = errors.next_hit_ns(-(-start_ticks // self._ticks_per_ns))
-                    hit_ticks = hit_ns * self._ticks_per_ns
-                    self._is_destroyed = hit_ticks < end_ticks
-                    if self._is_destroyed:
-                        end_ticks = error_end_ticks(start_ticks, hit_ticks, self._ticks)
+        queue, errors = self._queue, self.errors
+        while self._free_ticks < now_ticks:
+            if not queue:
+                self._idle_ticks += now_ticks - self._free_ticks
+                self._free_ticks = now_ticks
+                return
+            arbitration, number, duration_ticks, sender, frame = queue[0]
+            end_ticks, is_whole = self._free_ticks + duration_ticks, True
+            if errors is not None:
+                end_ticks, is_whole = self._end_in_noise(end_ticks, errors)
             if end_ticks > now_ticks:
-                break
-            if errors is not None and self._is_destroyed:
-                self._end_attempt(on_wire, end_ticks, errors)
-            else:
+                if arbitration != _ON_WIRE:
+                    queue[0] = (_ON_WIRE, number, duration_ticks, sender, frame)
+                return
+            heappop(queue)
+            self._free_ticks = end_ticks + self._intermission_ticks
+            end_ns = -(-end_ticks // self._per_ns)
+            if is_whole:
+                self._frames += 1
+                self._completed.append((end_ns, sender, frame))
                 if errors is not None:
-                    errors.on_whole(on_wire.sender)
-                self._complete(on_wire, end_ticks)
-            on_wire = None
-        self._on_wire, self._end_ticks, self._settled_ticks = on_wire, end_ticks, now_ticks
+                    errors.on_whole(sender)
+            elif errors is not None:
+                self._completed.append((end_ns, NO_NODE, BIT_ERROR))
+                entry = arbitration_field(frame), number, duration_ticks, sender, frame
+                heappush(queue, entry)
+                if errors.on_destroyed(sender, end_ticks, self._ticks):
+                    self._withdraw(sender)
 
-    def _complete(self, sent: Waiting, end_ticks: int) -> None:
-        end_ns = -(-end_ticks // self._ticks_per_ns)
-        self._completed.append(Delivery(end_ns, sent.sender, sent.frame))
-        self._awaited -= sent.sender >= 0
-        self._frames += 1
-        self._occupy_until(end_ticks)
+    def _end_in_noise(self, end_ticks: int, errors: BusErrors) -> tuple[int, bool]:
+        """Return when the first of the queue leaves the bus, and whether it is whole by then."""
+        hit_ns = errors.next_hit_ns(-(-self._free_ticks // self._per_ns))
+        hit_ticks = hit_ns * self._per_ns
+        if hit_ticks >= end_ticks:
+            return end_ticks, True
+        return error_end_ticks(self._free_ticks, hit_ticks, self._ticks), False
 
-    def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> None:
-        """Count a destroyed transmission, and let the frame compete again or be lost."""
-        self._is_destroyed = False
-        self._completed.append(Delivery(self._ticks.whole_ns(end_ticks), NO_NODE, BIT_ERROR))
-        self._occupy_until(end_ticks)
-        self._queue.put_back(sent)
-        if errors.on_destroyed(sent.sender, end_ticks, self._ticks):
-            lost = self._queue.withdraw(sent.sender)
-            self.lost_in_bus_off += lost
-            self._awaited -= lost if sent.sender >= 0 else 0
-
-    def _occupy_until(self, end_ticks: int) -> None:
-        """Count the time of what has been on the wire, and its intermission."""
-        free_ticks = end_ticks + self._intermission_ticks
-        self._busy_ticks += free_ticks - self._next_start_ticks
-        self._next_start_ticks = free_ticks
+    def _withdraw(self, sender: int) -> None:
+        """Take back every frame of a sender in bus-off."""
+        before = len(self._queue)
+        self._queue[:] = [one for one in self._queue if one[3] != sender]
+        heapify(self._queue)
+        self.lost_in_bus_off += before - len(self._queue)

@@ -70,8 +70,8 @@ class Broker:
         """Return in one line what it has carried and whom it has disconnected."""
         parts = [f"ran {duration_ns / NS_PER_S:.1f} s"]
         for name, channel in sorted(self.channels.items()):
-            frames, busy_ns, _ = channel.load
-            parts.append(f"{name} {frames} frames, load {busy_ns / duration_ns:.1%}")
+            load = channel.load
+            parts.append(f"{name} {load.frames} frames, load {load.busy_ns / duration_ns:.1%}")
         parts.append(f"{self._served} clients, {self._most} at once")
         gone = [
             f"{count} {cause.replace('_', ' ')}"
@@ -123,7 +123,7 @@ class Broker:
     def _deliver(self, channel: Channel, now_ns: int) -> None:
         """Send out the frames that are complete, and let their senders submit more."""
         for delivery in channel.advance(now_ns):
-            channel.queue(delivery, delivery.end_ns + self._to_wall_clock_ns)
+            channel.queue(delivery, delivery[0] + self._to_wall_clock_ns)
         for member in tuple(channel.members.values()):
             if member.has_outgoing:
                 self._flush(member)

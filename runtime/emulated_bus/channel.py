@@ -8,9 +8,10 @@ that much late, with their right times. Bit errors belong to virtual time alone.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..bus_model.bus_model import BusLoad, BusModel, Delivery
+from ..bus_model.bus_model import BusLoad, BusModel
 from ..bus_model.rest_bus import PeriodicMessage, RestBus
 from ..node import NEVER_NS, NS_PER_MS
+from ..node.virtual_time_loop import Delivered
 from .broker_connection import FRAMES_WAITING_MAX, Connection
 from .protocol import ProtocolError, pack_frame
 
@@ -79,7 +80,7 @@ class Channel:
             client.waiting += 1
         return False
 
-    def advance(self, now_ns: int) -> list[Delivery]:
+    def advance(self, now_ns: int) -> list[Delivered]:
         """Return what is complete, and free the places of the clients' frames in their buffers."""
         bus_ns = now_ns - self._start_ns
         completed = self._model.advance(bus_ns)
@@ -89,9 +90,9 @@ class Channel:
         if not self._is_paced:
             return completed
         self._pace_ns = now_ns + PACE_NS
-        return [one._replace(end_ns=one.end_ns + self._start_ns) for one in completed]
+        return [(end_ns + self._start_ns, by, frame) for end_ns, by, frame in completed]
 
-    def queue(self, delivery: Delivery, time_ns: int) -> None:
+    def queue(self, delivery: Delivered, time_ns: int) -> None:
         """Queue a frame, complete at wall-clock time ``time_ns``, for all that want it."""
         _, sender, frame = delivery
         for member in self.members.values():

@@ -30,7 +30,7 @@ from steer_by_wire.dbc.dialect.proposal import proposal
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.edge import translated_text
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.command_line import add_subcommand, command_parser, output_file, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 
@@ -83,7 +83,7 @@ def _check(options: argparse.Namespace) -> int:
     plant = PlantSettings(duration_s=MOTION_S)
     node, edge = make_virtual_plant(plant, language=language)
     controller = controller_in(language, ControllerNode(controller_preset(CONTROLLER_PRESET), 0))
-    bus, in_vain = QuietBus(QUIET_BUS.bitrate_bit_s), waits_in_vain(node, START_S_MAX)
+    bus, in_vain = BusModel(QUIET_BUS.bitrate_bit_s), waits_in_vain(node, START_S_MAX)
     run_virtual_nodes(edge, controller, bus, options.out, in_vain)
     for program, gateway in ((PLANT_PROGRAM, edge), (CONTROLLER_PROGRAM, controller)):
         print(f"{program.replace('_', ' ')}: {translated_text(gateway.report()['dialect'])}")

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 from ...closed_loop.lockstep.node import LockstepNode
 from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, HAND_WHEEL_PROGRAM, PLANT_PROGRAM
-from ...closed_loop.pair.virtual_bus import SharedBus
 from ...controller.command_line import fail_if_quantities as controller_quantities
 from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode
@@ -19,6 +18,7 @@ from ...plant_emulator.command_line import fail_if_quantities as plant_quantitie
 from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.bus_model.bus_model import BusModel
 from ...runtime.node import ReportingNode
 from ...runtime.program.fail_if_conditions import of_part
 from ...runtime.program.run_node import FINISHED
@@ -51,7 +51,7 @@ class Run(NamedTuple):
     bus: str
     elapsed_s: float
     ended_by: str
-    shared: SharedBus | None = None
+    shared: BusModel | None = None
     hand_wheel: HandWheelNode | None = None
 
 
@@ -145,14 +145,14 @@ def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
     return f"stopped after {lasted}; until then {judged}"
 
 
-def _bus_lines(bus: SharedBus) -> list[tuple[str, str]]:
-    load = bus.model.load
+def _bus_lines(bus: BusModel) -> list[tuple[str, str]]:
+    load = bus.load
     lost = f"{load.refused} lost in full transmit buffers"
-    lines = [("bus", f"load {100 * bus.busy_share:.1f} %, {load.frames} frames, {lost}")]
+    lines = [("bus", f"load {100 * load.busy_share:.1f} %, {load.frames} frames, {lost}")]
     if bus.errors is not None:
         text = (
             f"{bus.errors.count or 'none'}; "
-            f"{bus.errors.bus_offs} bus-off, {bus.model.lost_in_bus_off} lost in it"
+            f"{bus.errors.bus_offs} bus-off, {bus.lost_in_bus_off} lost in it"
         )
         lines.append(("bus errors", text))
     return lines

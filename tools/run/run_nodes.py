@@ -8,7 +8,7 @@ from math import ceil
 from pathlib import Path
 
 from ...closed_loop.lockstep.node import LockstepNode, controller_in, controller_node
-from ...closed_loop.pair.virtual_bus import SharedBus, virtual_bus
+from ...closed_loop.pair.virtual_bus import virtual_bus
 from ...closed_loop.pair.virtual_pair import (
     START_S_MAX,
     make_virtual_plant,
@@ -21,8 +21,8 @@ from ...hand_wheel.node import HandWheelNode
 from ...hand_wheel.program import SAMPLES_MAX as HAND_WHEEL_SAMPLES_MAX
 from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.bus_model.bus_model import BusOverflowError
 from ...runtime.bus_model.settings import BusSettings
-from ...runtime.bus_model.transmit_queue import BusOverflowError
 from ...runtime.exit_status import BusError
 from ...runtime.node import NEVER_NS
 from ...runtime.program.run_node import FINISHED
@@ -74,7 +74,7 @@ def run_in_virtual_time(
         ended_by = f"{START_S_MAX} s without a command"
         if isinstance(node, LockstepNode):
             node.failure = node.failure or f"it sent no valid command in {START_S_MAX} s"
-    shared = bus if isinstance(bus, SharedBus) else None
+    shared = bus if bus is not None and bus.is_lossy else None
     return Run(plant, node, edges, where, elapsed_s, ended_by, shared, wheel)
 
 

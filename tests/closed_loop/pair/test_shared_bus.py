@@ -5,13 +5,14 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import load_of, rest_of, traffic_of
-from steer_by_wire.closed_loop.pair.virtual_bus import SharedBus, shared_bus
+from steer_by_wire.closed_loop.pair.virtual_bus import shared_bus
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
 from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
@@ -47,7 +48,7 @@ def test_a_database_without_cycle_times_takes_the_load(feature: str, tmp_path: P
     bus = shared_bus(BusSettings(rest_bus=(str(file),), load=0.5), 1)
     pair = make_virtual_pair(PlantSettings(duration_s=1.0), controller_preset("practical_pd"))
     run_virtual_nodes(pair.edge, pair.controller, bus, None, lambda: False)
-    assert 0.5 < bus.model.load.busy_ns / NS_PER_S < 0.7
+    assert 0.5 < bus.load.busy_ns / NS_PER_S < 0.7
 
 
 def test_with_some_cycle_times_the_others_are_not_sent(tmp_path: Path) -> None:
@@ -116,17 +117,18 @@ def test_a_bus_is_never_busy_for_longer_than_it_runs(bit_error_rate: float) -> N
     bus = shared_bus(settings, 1)
     for now_ns in range(0, NS_PER_S, 7_654_321):
         bus.advance(now_ns)
-        assert bus.busy_share <= 1.0
-    assert bus.busy_share > 0.95
+        assert bus.load.busy_share <= 1.0
+    assert bus.load.busy_share > 0.95
 
 
 @pytest.mark.parametrize("is_urgent", [False, True])
 def test_a_babbling_node_takes_what_its_identifier_wins(is_urgent: bool) -> None:
     """It has always a frame ready: after everything of the pair's, or before."""
     frames = (Frame(0x000 if is_urgent else 0x7FF, bytes(8)),) * COUNTS
-    bus = SharedBus(500_000, [PeriodicMessage("babbler", -1, frames, NS_PER_MS // 10)])
-    if is_urgent and bus.traffic is not None:
-        bus.traffic._due, bus.traffic.next_due_ns = [(NS_PER_S, 0)], NS_PER_S
+    traffic = RestBus([PeriodicMessage("babbler", -1, frames, NS_PER_MS // 10)], 0)
+    if is_urgent:
+        traffic._due, traffic.next_due_ns = [(NS_PER_S, 0)], NS_PER_S
+    bus = BusModel(500_000, traffic=traffic)
     settings = PlantSettings(duration_s=4.0), controller_preset("practical_pd_ddob")
     pair = make_virtual_pair(*settings, 0, 5000)
     run_virtual_nodes(pair.edge, pair.controller, bus, None, lambda: False)
@@ -137,7 +139,7 @@ def test_a_babbling_node_takes_what_its_identifier_wins(is_urgent: bool) -> None
         assert 2.9 < guard["longest_silence_s"] <= 3.1
         assert modes >= {Mode.ACTIVE, Mode.HOLDING, Mode.SAFE_STOP}
     else:
-        assert bus.busy_share > 0.999
-        assert (bus.refused, controller["lost"], plant["lost_on_the_bus"]) == (0, 0, 0)
+        assert bus.load.busy_share > 0.999
+        assert (controller["lost"], plant["lost_on_the_bus"]) == (0, 0)
         assert (guard["holdings"], guard["fallbacks"], guard["interventions"]) == (0, 0, {})
         assert modes == {Mode.ACTIVE}

@@ -24,8 +24,8 @@ from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd, VerdictRules
 from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.runtime.bus_model.bus_model import BusOverflowError
 from steer_by_wire.runtime.bus_model.settings import BusSettings
-from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.run.__main__ import main as run

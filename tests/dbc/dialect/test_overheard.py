@@ -30,7 +30,7 @@ from steer_by_wire.dbc.messages import (
     LateralError,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.end import End
 from steer_by_wire.tools.analyze.__main__ import main as analyze
@@ -60,7 +60,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         Gateway(pair.edge, dialect, End.PLANT, 0),
         Gateway(pair.controller, dialect, End.CONTROLLER, 0),
     )
-    run_virtual_nodes(*ends, QuietBus(QUIET_BUS.bitrate_bit_s), file, lambda: False)
+    run_virtual_nodes(*ends, BusModel(QUIET_BUS.bitrate_bit_s), file, lambda: False)
     return file
 
 

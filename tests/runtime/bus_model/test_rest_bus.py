@@ -9,10 +9,9 @@ import pytest
 
 from steer_by_wire.runtime.bus_model.bit_noise import BusNoise
 from steer_by_wire.runtime.bus_model.bus_errors import BusErrors
-from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.bus_model.bus_model import BusModel, BusOverflowError
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
 from steer_by_wire.runtime.bus_model.socketcan_error_frames import BIT_ERROR
-from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
 from tests.support.suite.combinations import sampled

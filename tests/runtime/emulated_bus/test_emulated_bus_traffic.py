@@ -11,7 +11,7 @@ from contextlib import ExitStack
 import pytest
 
 from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import traffic_of
-from steer_by_wire.closed_loop.pair.virtual_bus import SharedBus
+from steer_by_wire.closed_loop.pair.virtual_bus import shared_bus
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.emulated_bus.broker_connection import Connection
 from steer_by_wire.runtime.emulated_bus.channel import Channel, Traffic
@@ -46,7 +46,7 @@ def arrivals_of(seed: int, duration_ns: int) -> list[Arrival]:
 
 
 def in_virtual_time(arrivals: Sequence[Arrival]) -> Seen:
-    bus = SharedBus(BITRATE_BIT_S, traffic_of(LOADED, 1), 1)
+    bus = shared_bus(LOADED, 1)
     seen: Seen = []
     for time_ns, sender, frame in arrivals:
         seen += bus.advance(time_ns)
@@ -73,8 +73,8 @@ def on_a_channel(
 
     def advance(now_ns: int) -> None:
         for delivery in channel.advance(now_ns):
-            seen.append((delivery.end_ns - start_ns, delivery.sender, delivery.frame))
-            channel.queue(delivery, delivery.end_ns)
+            seen.append((delivery[0] - start_ns, *delivery[1:]))
+            channel.queue(delivery, delivery[0])
         for number, client in clients.items():
             client.flush()
             got[number] += received(ends[number][1])

@@ -3,8 +3,7 @@ from itertools import pairwise
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.transmit_queue import BusOverflowError
+from steer_by_wire.runtime.bus_model.bus_model import BusModel, BusOverflowError
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.periodic import PeriodicTimer

@@ -28,7 +28,7 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import EXTENDED, FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node, Wrapper
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
@@ -173,7 +173,7 @@ class LateTicks(Wrapper[RecordedNode]):
 def on_network(node: RecordedNode, plant: PlantSettings, *others: Node) -> None:
     """Let a node drive a plant in virtual time, among others on the bus."""
     _, edge = make_virtual_plant(plant)
-    bus = QuietBus(QUIET_BUS.bitrate_bit_s)
+    bus = BusModel(QUIET_BUS.bitrate_bit_s)
     executor = VirtualTimeExecutor((edge, LateTicks(node), *others), bus)
     executor.run(round((plant.duration_s + 0.5) * 1e9))
 

@@ -24,7 +24,7 @@ from steer_by_wire.dbc.dialect.gateway import Gateway
 from steer_by_wire.dbc.messages import Decoded, LateralError, decode
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
-from steer_by_wire.runtime.bus_model.quiet_bus import QuietBus
+from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import load_settings, read_preset
@@ -129,7 +129,7 @@ def read_by_the_car(name: str, folder: Path) -> Reading:
         Gateway(pair.edge, dialect, End.PLANT, 0),
         Gateway(pair.controller, dialect, End.CONTROLLER, 0),
     )
-    run_virtual_nodes(*nodes, QuietBus(500_000), None, lambda: False, on_wire)
+    run_virtual_nodes(*nodes, BusModel(500_000), None, lambda: False, on_wire)
     assert [node.report()["dialect"]["refused"] for node in nodes] == [{}, {}]
 
     states, invalid, next_frame = [], [], 0
@@ -221,7 +221,7 @@ def test_the_car_s_own_controller_holds_the_path_at_60_km_h(name: str, tmp_path:
     plant, edge = make_virtual_plant(settings)
     gateway = Gateway(edge, dialect_of(name, tmp_path), End.PLANT, 0)
     seconds = iter(range(round(MOTION_S) + 2))
-    bus = QuietBus(500_000)
+    bus = BusModel(500_000)
     run_virtual_nodes(gateway, Follower(CARS[name]), bus, None, lambda: next(seconds, None) is None)
     assert plant.finished
     report = gateway.report()
