@@ -23,7 +23,7 @@ from .contract.enumerations import *  # noqa: F403  all are names of this module
 from .contract.generated_layout import LAYOUTS
 from .contract.generated_layout import VERSION as VERSION
 from .contract.message_records import *  # noqa: F403
-from .contract.message_records import MESSAGE_TYPES, Message, SteeringCommand
+from .contract.message_records import MESSAGE_TYPES, Message, SteeringCommand, SteeringPlan
 
 
 class Decoded(NamedTuple):
@@ -37,9 +37,9 @@ CODECS = codecs_of(LAYOUTS, MESSAGE_TYPES.items())
 """How each message is packed and unpacked."""
 _CODECS_BY_ID = {codec.can_id: codec for codec in CODECS.values()}
 
-CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
-    {message_type: codec.can_id for message_type, codec in CODECS.items()}
-)
+CAN_IDS: Mapping[type[Message], int] = {
+    message_type: codec.can_id for message_type, codec in CODECS.items()
+}
 """The identifier each message is sent under."""
 
 _SENDERS = {layout.name: layout.sender for layout in LAYOUTS}
@@ -54,9 +54,9 @@ def sent_by(node: str) -> tuple[type[Message], ...]:
     return tuple(kind for name, kind in MESSAGE_TYPES.items() if _SENDERS[name] == node)
 
 
-DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
-    {kind: codec.data_id for kind, codec in CODECS.items() if codec.data_id is not None}
-)
+DATA_IDS: Mapping[type[Message], int] = {
+    kind: codec.data_id for kind, codec in CODECS.items() if codec.data_id is not None
+}
 """The E2E Data ID of each message that is protected: all but those sent by hand, by a tool."""
 _ID_MARKS = frozenset(map(id_mark, DATA_IDS.values()))
 REVISIONS = (0x0800, 0x1000, 0x2000)
@@ -71,23 +71,21 @@ OTHER_REVISION_TEXT = (
     " one release of both"
 )
 
-CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
-    {message_type: codec.layout.cycle_time_ms for message_type, codec in CODECS.items()}
-)
+CYCLE_TIMES_MS: Mapping[type[Message], int] = {
+    message_type: codec.layout.cycle_time_ms for message_type, codec in CODECS.items()
+}
 """How often each message is sent at the default rates [ms]; 0 for one sent when needed, and for
 SteeringPlan, which takes the place of SteeringCommand.
 
 One that is sent cyclically and spontaneously comes in between as well, at changes.
 """
 
-ACTIVE_CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
-    {message_type: codec.layout.active_cycle_time_ms for message_type, codec in CODECS.items()}
-)
+ACTIVE_CYCLE_TIMES_MS: Mapping[type[Message], int] = {
+    message_type: codec.layout.active_cycle_time_ms for message_type, codec in CODECS.items()
+}
 """Cycle of a message while it is sent, also of one sent when needed [ms]; 0 for those of a tool."""
 
-NUMBERED_WITH: Mapping[type[Message], type[Message]] = MappingProxyType(
-    {SteeringPlan: SteeringCommand}  # noqa: F405
-)
+NUMBERED_WITH: Mapping[type[Message], type[Message]] = {SteeringPlan: SteeringCommand}
 """The message in whose place another is sent: both are one sequence of E2E counters."""
 
 

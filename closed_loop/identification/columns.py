@@ -18,7 +18,6 @@ import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from pydantic import Field
@@ -29,29 +28,25 @@ from .time_series import PAUSE_S, Channel, Quantity, continuous
 
 _ANGLE = {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3}
 _RATE = {"rad_s": 1.0, "deg_s": math.pi / 180.0}
-_UNITS: Mapping[Quantity | None, Mapping[str, float]] = MappingProxyType(
-    {
-        None: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-        Quantity.HAND_WHEEL: _ANGLE,
-        Quantity.WHEEL: _ANGLE,
-        Quantity.COMMAND: _ANGLE,
-        Quantity.SPEED: {"m_s": 1.0, "km_h": 1.0 / 3.6, "mph": 0.44704},
-        Quantity.YAW_RATE: _RATE,
-        Quantity.LATERAL_ACCELERATION: {"m_s2": 1.0, "g": 9.80665},
-    }
-)
+_UNITS: Mapping[Quantity | None, Mapping[str, float]] = {
+    None: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    Quantity.HAND_WHEEL: _ANGLE,
+    Quantity.WHEEL: _ANGLE,
+    Quantity.COMMAND: _ANGLE,
+    Quantity.SPEED: {"m_s": 1.0, "km_h": 1.0 / 3.6, "mph": 0.44704},
+    Quantity.YAW_RATE: _RATE,
+    Quantity.LATERAL_ACCELERATION: {"m_s2": 1.0, "g": 9.80665},
+}
 """Units of each quantity, and of time, with what makes them SI."""
-_BASES: Mapping[str, Quantity | None] = MappingProxyType(
-    {
-        "time": None,
-        "hand_wheel": Quantity.HAND_WHEEL,
-        "wheel_angle": Quantity.WHEEL,
-        "steer": Quantity.COMMAND,
-        "speed": Quantity.SPEED,
-        "yaw_rate": Quantity.YAW_RATE,
-        "lateral_acceleration": Quantity.LATERAL_ACCELERATION,
-    }
-)
+_BASES: Mapping[str, Quantity | None] = {
+    "time": None,
+    "hand_wheel": Quantity.HAND_WHEEL,
+    "wheel_angle": Quantity.WHEEL,
+    "steer": Quantity.COMMAND,
+    "speed": Quantity.SPEED,
+    "yaw_rate": Quantity.YAW_RATE,
+    "lateral_acceleration": Quantity.LATERAL_ACCELERATION,
+}
 _GUESSES = (
     ("time_s", r"^(time|t|timestamp|stamp|elapsed)\b|time"),
     ("lateral_acceleration_m_s2", r"lat\w*[_ ]?acc|acc\w*[_ ]?(lat|y)|^a_?y|\bay\b"),

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
-from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
 from ..processes.process_group import ProcessError, Processes
@@ -13,7 +12,7 @@ from .pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, PairResul
 
 PROGRAMS = (CONTROLLER_PROGRAM, PLANT_PROGRAM)
 """In the order in which they are started and ended: without a plant the controller would hold."""
-_NO_OPTIONS: Mapping[str, Sequence[str]] = MappingProxyType({})
+_NO_OPTIONS: Mapping[str, Sequence[str]] = {}
 
 
 class Program(NamedTuple):

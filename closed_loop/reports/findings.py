@@ -1,7 +1,6 @@
 """Findings: what was to be shown or looked for, whether it holds, and by which figure."""
 
-from collections.abc import Sequence
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 
@@ -18,7 +17,7 @@ class Finding(NamedTuple):
     advice: str = ""
 
 
-HOLDS = MappingProxyType({True: "ok", False: "NO", None: "-"})
+HOLDS: Mapping[bool | None, str] = {True: "ok", False: "NO", None: "-"}
 """What is printed for a finding."""
 
 

@@ -10,7 +10,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal, TypeVar, get_args
 
 from ...controller.law_interface import Law
@@ -43,33 +42,27 @@ from ..pair.with_hand_wheel import with_hand_wheel
 from .simulated_run import ControllerTable, HandWheelTable, PlantTable, Run
 
 Engine = Literal["virtual", "compiled"]
-NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
+NO_OVERRIDES: Mapping[str, Any] = {}
 
-_SIDES: Mapping[type[Settings], tuple[str, str, Callable[[Path], SharedTable | None]]] = (
-    MappingProxyType(
-        {
-            PlantSettings: ("plant", PLANT_PRESETS, plant_vehicle),
-            ControllerSettings: ("controller", CONTROLLER_PRESETS, nominal_vehicle),
-            HandWheelSettings: ("hand_wheel", HAND_WHEEL_PRESETS, lambda _file: None),
-        }
-    )
-)
+_SIDES: Mapping[type[Settings], tuple[str, str, Callable[[Path], SharedTable | None]]] = {
+    PlantSettings: ("plant", PLANT_PRESETS, plant_vehicle),
+    ControllerSettings: ("controller", CONTROLLER_PRESETS, nominal_vehicle),
+    HandWheelSettings: ("hand_wheel", HAND_WHEEL_PRESETS, lambda _file: None),
+}
 """Name of each side's settings, package with its presets, and its table in a vehicle's file."""
 
 _DOWNLINK = "plant.latency.downlink"
-SHORT: Mapping[str, str] = MappingProxyType(
-    {
-        "seed": "plant.seed",
-        "duration_s": "plant.duration_s",
-        "law": "controller.law",
-        "latency_s": f"{_DOWNLINK}.mean_s",
-        "jitter_s": f"{_DOWNLINK}.spread_s",
-        "loss": f"{_DOWNLINK}.loss",
-        "latencies": f"{_DOWNLINK}.latencies_s",
-    }
-)
+SHORT: Mapping[str, str] = {
+    "seed": "plant.seed",
+    "duration_s": "plant.duration_s",
+    "law": "controller.law",
+    "latency_s": f"{_DOWNLINK}.mean_s",
+    "jitter_s": f"{_DOWNLINK}.spread_s",
+    "loss": f"{_DOWNLINK}.loss",
+    "latencies": f"{_DOWNLINK}.latencies_s",
+}
 """Settings that have a name of their own in Python."""
-GAMMA: Mapping[str, str] = MappingProxyType({f"{_DOWNLINK}.model": "gamma"})
+GAMMA: Mapping[str, str] = {f"{_DOWNLINK}.model": "gamma"}
 """What ``jitter_s`` sets with its key."""
 
 S = TypeVar("S", bound=Settings)

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from operator import itemgetter
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ...runtime.program.fail_if_conditions import Quantity
@@ -40,12 +39,10 @@ class Found(NamedTuple):
 
 
 NOT_ANALYSED = Found(CheckVerdict.NOT_ANALYSED, None, "see below for the reason")
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {
-        "verdict": Quantity(lambda report: str(report["verdict"]), tuple(CheckVerdict)),
-        "delay_margin_s": Quantity(lambda report: report["delay_margin_s"]),
-    }
-)
+QUANTITIES: Mapping[str, Quantity] = {
+    "verdict": Quantity(lambda report: str(report["verdict"]), tuple(CheckVerdict)),
+    "delay_margin_s": Quantity(lambda report: report["delay_margin_s"]),
+}
 """What ``--fail-if`` may name, read from ``Found``."""
 
 

@@ -1,7 +1,6 @@
 """The quantities of a run of the controller that ``--fail-if`` may name, read from its report."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from ...runtime.program.fail_if_conditions import Quantity, Report
 from ..node.run_figures import ControlVerdict
@@ -22,13 +21,11 @@ def _round_trip(report: Report) -> float | None:
 
 
 _WORKED = ("measured_rms_m", "measured_peak_m", "limited_share", "peak_steer_rad")
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {
-        "verdict": Quantity(lambda report: str(report["node"]["verdict"]), tuple(ControlVerdict)),
-        "no_effect_s": _number("no_effect_s"),
-        "active_share": _number("active_share"),
-        **{key: _worked(key) for key in _WORKED},
-        "round_trip_p99_s": Quantity(_round_trip),
-        "holds": _number("holds"),
-    }
-)
+QUANTITIES: Mapping[str, Quantity] = {
+    "verdict": Quantity(lambda report: str(report["node"]["verdict"]), tuple(ControlVerdict)),
+    "no_effect_s": _number("no_effect_s"),
+    "active_share": _number("active_share"),
+    **{key: _worked(key) for key in _WORKED},
+    "round_trip_p99_s": Quantity(_round_trip),
+    "holds": _number("holds"),
+}

@@ -6,7 +6,6 @@ additions around a law. A law from another package is named ``package.module:ATT
 
 from collections.abc import Mapping
 from importlib import import_module
-from types import MappingProxyType
 
 from ...dbc.messages import LawNumber
 from ..law_interface import Law, LawInput, LawOutput, last_command
@@ -22,5 +21,5 @@ def _shipped_laws() -> Mapping[str, Law]:
     return {name: import_module(f"{__name__}.{name}").LAW for name in names}
 
 
-LAWS: Mapping[str, Law] = MappingProxyType(_shipped_laws())
+LAWS: Mapping[str, Law] = _shipped_laws()
 """By the names of settings files."""

@@ -7,7 +7,6 @@ positive). What each field means, its range and its resolution are in ``steer_by
 import re
 from collections.abc import Callable, Mapping
 from operator import attrgetter
-from types import MappingProxyType
 from typing import NamedTuple, TypeAlias, get_args
 
 from .enumerations import (
@@ -316,7 +315,7 @@ Message: TypeAlias = (
 LatencyChange: TypeAlias = LatencyConfig | LatencySet
 DisturbanceChange: TypeAlias = DisturbanceConfig | DisturbanceSet
 
-MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
-    {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).upper(): kind for kind in get_args(Message)}
-)
+MESSAGE_TYPES: Mapping[str, type[Message]] = {
+    re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).upper(): kind for kind in get_args(Message)
+}
 """The name of each message in the DBC, and its Python type."""

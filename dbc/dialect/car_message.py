@@ -8,7 +8,6 @@ from copy import copy
 from enum import StrEnum
 from functools import cached_property
 from itertools import combinations
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from cantools.database import DecodeError
@@ -272,9 +271,7 @@ def _short(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-LARGEST_FLOATS = MappingProxyType(
-    {16: 65504.0, 32: float.fromhex("0x1.fffffep+127"), 64: sys.float_info.max}
-)
+LARGEST_FLOATS = {16: 65504.0, 32: float.fromhex("0x1.fffffep+127"), 64: sys.float_info.max}
 """By their bits; beyond them a float is infinite."""
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from operator import attrgetter
-from types import MappingProxyType
 from typing import Any
 
 from ..messages import (
@@ -30,20 +29,18 @@ def _fields(*names: Quantity) -> dict[Quantity, Callable[[Any], float]]:
     return {name: attrgetter(name) for name in names}
 
 
-SAID_BY: Mapping[type[Message], Mapping[Quantity, Callable[[Any], float]]] = MappingProxyType(
-    {
-        SteeringCommand: {
-            **_fields(Quantity.STEER),
-            Quantity.ENGAGED: lambda command: float(command.mode in _ENGAGED),
-        },
-        LateralError: _fields(Quantity.LATERAL_ERROR, Quantity.HEADING_ERROR),
-        SteeringStatus: {
-            **_fields(Quantity.WHEEL_ANGLE),
-            Quantity.APPLYING: lambda status: float(status.status in _APPLYING),
-        },
-        VehicleState: _fields(Quantity.SPEED, Quantity.YAW_RATE, Quantity.PREVIEW_CURVATURE),
-    }
-)
+SAID_BY: Mapping[type[Message], Mapping[Quantity, Callable[[Any], float]]] = {
+    SteeringCommand: {
+        **_fields(Quantity.STEER),
+        Quantity.ENGAGED: lambda command: float(command.mode in _ENGAGED),
+    },
+    LateralError: _fields(Quantity.LATERAL_ERROR, Quantity.HEADING_ERROR),
+    SteeringStatus: {
+        **_fields(Quantity.WHEEL_ANGLE),
+        Quantity.APPLYING: lambda status: float(status.status in _APPLYING),
+    },
+    VehicleState: _fields(Quantity.SPEED, Quantity.YAW_RATE, Quantity.PREVIEW_CURVATURE),
+}
 """The quantities of each message, and how they are read from it."""
 COMMANDS = frozenset(SAID_BY[SteeringCommand])
 """What the controller sends; the plant sends the others."""

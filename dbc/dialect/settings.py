@@ -13,9 +13,9 @@ counter = "COUNTER"
 checksum = { signal = "CHECKSUM", rule = "crc", polynomial = 0x1D, final_xor = 0xFF }
 """
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 
 from pydantic import Field
@@ -41,15 +41,13 @@ class Quantity(StrEnum):
     HEADING_ERROR = "heading_error_rad"
 
 
-UNITS = MappingProxyType(
-    {
-        "SI": 1.0,
-        "deg": 57.29577951308232,
-        "deg/s": 57.29577951308232,
-        "km/h": 3.6,
-        "mph": 2.2369362920544025,
-    }
-)
+UNITS: Mapping[str, float] = {
+    "SI": 1.0,
+    "deg": 57.29577951308232,
+    "deg/s": 57.29577951308232,
+    "km/h": 3.6,
+    "mph": 2.2369362920544025,
+}
 """How many of each are one SI unit."""
 
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 from ...runtime.frame import Frame
@@ -90,14 +89,12 @@ class FromPlant:
 _CODES = (ours.SteeringStatusCode.NO_COMMAND, ours.SteeringStatusCode.APPLYING)
 
 
-_LIMITS: Mapping[Quantity, ours.SignalRange] = MappingProxyType(
-    {
-        name: ours.limits(kind)[name]
-        for kind, said in SAID_BY.items()
-        for name in said
-        if name in ours.limits(kind)
-    }
-)
+_LIMITS: Mapping[Quantity, ours.SignalRange] = {
+    name: ours.limits(kind)[name]
+    for kind, said in SAID_BY.items()
+    for name in said
+    if name in ours.limits(kind)
+}
 
 
 def _is_carried(values: Values) -> bool:

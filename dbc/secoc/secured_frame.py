@@ -27,7 +27,6 @@ This module contains the parts that need neither key nor cryptography.
 
 from collections.abc import Mapping
 from enum import StrEnum
-from types import MappingProxyType
 from typing import NamedTuple
 
 from ...runtime.frame import BITRATE_SWITCH, FD, Frame
@@ -84,13 +83,11 @@ LONG = Layout(_LONG_LENGTH, _LONG_LENGTH, 4, 12)
 SYNC_TYPES: tuple[type[Message], ...] = (ControllerStatus, PlantStatus)
 """Sent ten times a second by both programs, whatever they are doing."""
 _LONGER = {**dict.fromkeys(SYNC_TYPES, SYNC), SteeringPlan: LONG, PathAhead: LONG}
-LAYOUTS: Mapping[int, Layout] = MappingProxyType(
-    {
-        can_id: _LONGER.get(message_type, DATA)
-        for message_type, can_id in CAN_IDS.items()
-        if message_type in DATA_IDS
-    }
-)
+LAYOUTS: Mapping[int, Layout] = {
+    can_id: _LONGER.get(message_type, DATA)
+    for message_type, can_id in CAN_IDS.items()
+    if message_type in DATA_IDS
+}
 """By identifier. What a tool sends is written by hand and has no secured form."""
 
 
@@ -110,9 +107,10 @@ class Refused(StrEnum):
     """A secured frame, but this end has no key to check it."""
 
 
-STATUS_SENT_BY: Mapping[End, type[Message]] = MappingProxyType(
-    {End.PLANT: PlantStatus, End.CONTROLLER: ControllerStatus}
-)
+STATUS_SENT_BY: Mapping[End, type[Message]] = {
+    End.PLANT: PlantStatus,
+    End.CONTROLLER: ControllerStatus,
+}
 
 
 def is_secured(frame: Frame) -> bool:

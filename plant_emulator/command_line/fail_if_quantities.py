@@ -1,7 +1,6 @@
 """The quantities of a run of the plant that ``--fail-if`` may name, read from its report."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from ...runtime.program.fail_if_conditions import Quantity, Report
 from ..evaluation.run_verdict import Verdict
@@ -29,24 +28,20 @@ def _warnings(report: Report) -> int:
     return len(node["warnings"]) + bool(node["second_senders"])
 
 
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {
-        "verdict": Quantity(_verdict, tuple(Verdict)),
-        "rms_m": _driven("rms_m"),
-        "settled_rms_m": _driven("settled_rms_m"),
-        "peak_m": _driven("peak_m"),
-        "preview_rms_m": _driven("preview_rms_m"),
-        "preview_peak_m": _driven("preview_peak_m"),
-        "settled_peak_m": _driven("settled_peak_m"),
-        "outside_m": Quantity(_outside),
-        "beyond_lane_m": Quantity(lambda report: report["node"].get("beyond_lane_m")),
-        "final_m": _driven("final_m"),
-        "settling_s": _driven("settling_s"),
-        "wheel_angle_peak_rad": _driven("wheel_angle_peak_rad"),
-        "limited_share": _driven("limited_share"),
-    }
-)
+QUANTITIES: Mapping[str, Quantity] = {
+    "verdict": Quantity(_verdict, tuple(Verdict)),
+    "rms_m": _driven("rms_m"),
+    "settled_rms_m": _driven("settled_rms_m"),
+    "peak_m": _driven("peak_m"),
+    "preview_rms_m": _driven("preview_rms_m"),
+    "preview_peak_m": _driven("preview_peak_m"),
+    "settled_peak_m": _driven("settled_peak_m"),
+    "outside_m": Quantity(_outside),
+    "beyond_lane_m": Quantity(lambda report: report["node"].get("beyond_lane_m")),
+    "final_m": _driven("final_m"),
+    "settling_s": _driven("settling_s"),
+    "wheel_angle_peak_rad": _driven("wheel_angle_peak_rad"),
+    "limited_share": _driven("limited_share"),
+}
 """Those that a recording of the bus has too."""
-RUN_QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {**QUANTITIES, "warnings": Quantity(_warnings)}
-)
+RUN_QUANTITIES: Mapping[str, Quantity] = {**QUANTITIES, "warnings": Quantity(_warnings)}

@@ -1,7 +1,6 @@
 """The plant's report in words: the verdict on its run, and a few lines of figures."""
 
 from collections.abc import Callable, Iterator, Mapping
-from types import MappingProxyType
 from typing import Any
 
 from ...dbc.codec.sender_watch import second_sender_line
@@ -146,25 +145,23 @@ _POINTS = {
     "centre_of_gravity": "car",
     "rear_axle": "rear axle",
 }
-_REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
-    {
-        Verdict.NO_START: lambda _node: "no command ever reached the plant",
-        Verdict.TOO_SHORT: lambda _node: (
-            f"a run of less than {SHORTEST_RUN_S:g} s shows nothing; let it last longer"
-        ),
-        Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{RANGE_M:g} m",
-        Verdict.LEFT_CORRIDOR: lambda node: (
-            f"the body left the corridor at {_in_corridor(node)} by"
-            f" {_millimetres(node['corridor']['outside_m'])}"
-        ),
-        Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow{_wheel(node)}",
-        Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last{_wheel(node)}",
-        Verdict.DRIFTS: _drifts,
-        Verdict.LEFT_ROAD: _beyond,
-        Verdict.DECAYS: lambda node: f"{_off(node)}; less than before, too late",
-        Verdict.OFF_PATH: _off,
-        Verdict.LEFT_PATH: _left,
-        Verdict.WHEEL_SHAKES: _shakes,
-        Verdict.HOLDS: lambda node: f"{_at_the_end(node)}{_within(node)}",
-    }
-)
+_REASONS: Mapping[Verdict, Callable[[Report], str]] = {
+    Verdict.NO_START: lambda _node: "no command ever reached the plant",
+    Verdict.TOO_SHORT: lambda _node: (
+        f"a run of less than {SHORTEST_RUN_S:g} s shows nothing; let it last longer"
+    ),
+    Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{RANGE_M:g} m",
+    Verdict.LEFT_CORRIDOR: lambda node: (
+        f"the body left the corridor at {_in_corridor(node)} by"
+        f" {_millimetres(node['corridor']['outside_m'])}"
+    ),
+    Verdict.UNSTABLE: lambda node: f"{_swings(node)} that grow{_wheel(node)}",
+    Verdict.LIMIT_CYCLE: lambda node: f"{_swings(node)} that last{_wheel(node)}",
+    Verdict.DRIFTS: _drifts,
+    Verdict.LEFT_ROAD: _beyond,
+    Verdict.DECAYS: lambda node: f"{_off(node)}; less than before, too late",
+    Verdict.OFF_PATH: _off,
+    Verdict.LEFT_PATH: _left,
+    Verdict.WHEEL_SHAKES: _shakes,
+    Verdict.HOLDS: lambda node: f"{_at_the_end(node)}{_within(node)}",
+}

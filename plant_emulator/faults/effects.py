@@ -7,7 +7,6 @@ bytes; a signal fault changes one value, as ``messages_on_bus`` does on this bus
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import NormalDist
-from types import MappingProxyType
 
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
@@ -144,24 +143,22 @@ def _changed(
     return x.messages.with_value(frame, str(p.signal), change) or frame
 
 
-EFFECTS: Mapping[FaultKind, Effect] = MappingProxyType(
-    {
-        FaultKind.DROP: _drop,
-        FaultKind.BURST_LOSS: _burst,
-        FaultKind.DUPLICATE: _duplicate,
-        FaultKind.REORDER: _reorder,
-        FaultKind.DELAY_SPIKE: _delay,
-        FaultKind.FREEZE: _freeze,
-        FaultKind.BIT_FLIPS: _flip,
-        FaultKind.WRONG_LENGTH: _shorten,
-        FaultKind.WRONG_IDENTIFIER: _move,
-        FaultKind.SPOOF: _spoof,
-        FaultKind.REPLAY: _replay,
-        FaultKind.OUT_OF_RANGE: _out_of_range,
-        FaultKind.STUCK: _stuck,
-        FaultKind.OFFSET: _changing(lambda p, _x, value: value + p.magnitude),
-        FaultKind.SCALE: _changing(lambda p, _x, value: value * p.magnitude),
-        FaultKind.DRIFT: _changing(lambda p, x, value: value + p.magnitude * x.since_onset_s),
-        FaultKind.NOISE: _noise,
-    }
-)
+EFFECTS: Mapping[FaultKind, Effect] = {
+    FaultKind.DROP: _drop,
+    FaultKind.BURST_LOSS: _burst,
+    FaultKind.DUPLICATE: _duplicate,
+    FaultKind.REORDER: _reorder,
+    FaultKind.DELAY_SPIKE: _delay,
+    FaultKind.FREEZE: _freeze,
+    FaultKind.BIT_FLIPS: _flip,
+    FaultKind.WRONG_LENGTH: _shorten,
+    FaultKind.WRONG_IDENTIFIER: _move,
+    FaultKind.SPOOF: _spoof,
+    FaultKind.REPLAY: _replay,
+    FaultKind.OUT_OF_RANGE: _out_of_range,
+    FaultKind.STUCK: _stuck,
+    FaultKind.OFFSET: _changing(lambda p, _x, value: value + p.magnitude),
+    FaultKind.SCALE: _changing(lambda p, _x, value: value * p.magnitude),
+    FaultKind.DRIFT: _changing(lambda p, x, value: value + p.magnitude * x.since_onset_s),
+    FaultKind.NOISE: _noise,
+}

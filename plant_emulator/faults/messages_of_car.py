@@ -5,7 +5,6 @@ Names, units and ranges are those of the car's database; counters and checksums 
 
 from collections.abc import Mapping
 from itertools import cycle, islice
-from types import MappingProxyType
 
 from ...dbc.dialect.car_message import Refused
 from ...dbc.dialect.dialect import Dialect
@@ -46,7 +45,7 @@ class MessagesOfCar:
                 | {n: s for n, s in OUR_NAMES.signals[direction].items() if n in self._ids}
                 for direction, sender in _SENDERS.items()
             },
-            MappingProxyType({FaultKind.WRONG_IDENTIFIER: alone, FaultKind.OUT_OF_RANGE: within}),
+            {FaultKind.WRONG_IDENTIFIER: alone, FaultKind.OUT_OF_RANGE: within},
             " (the car's, as --dialect says)",
         )
         self._commands = CarReader(dialect, sent[End.CONTROLLER])

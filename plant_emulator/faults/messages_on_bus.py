@@ -7,7 +7,6 @@ faulty sender would. A value beyond its signal's range is sent as the end of tha
 import math
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ...dbc import messages
@@ -37,15 +36,13 @@ MessagesOnBus: TypeAlias = "OurMessages | MessagesOfCar"
 """What faults have to know of the messages on a bus."""
 
 _DOWN, _UP = (MESSAGES_OF[direction] for direction in MESSAGES_OF)
-_MOVED_TO: Mapping[int, int] = MappingProxyType(
-    {
-        **dict.fromkeys(map(CAN_IDS.__getitem__, _DOWN), CAN_IDS[messages.SteeringCommand]),
-        **dict.fromkeys(map(CAN_IDS.__getitem__, _UP), CAN_IDS[messages.LateralError]),
-        CAN_IDS[messages.SteeringCommand]: CAN_IDS[messages.ControllerStatus],
-        CAN_IDS[messages.SteeringPlan]: CAN_IDS[messages.ControllerStatus],
-        CAN_IDS[messages.LateralError]: CAN_IDS[messages.SteeringStatus],
-    }
-)
+_MOVED_TO: Mapping[int, int] = {
+    **dict.fromkeys(map(CAN_IDS.__getitem__, _DOWN), CAN_IDS[messages.SteeringCommand]),
+    **dict.fromkeys(map(CAN_IDS.__getitem__, _UP), CAN_IDS[messages.LateralError]),
+    CAN_IDS[messages.SteeringCommand]: CAN_IDS[messages.ControllerStatus],
+    CAN_IDS[messages.SteeringPlan]: CAN_IDS[messages.ControllerStatus],
+    CAN_IDS[messages.LateralError]: CAN_IDS[messages.SteeringStatus],
+}
 """The wrong identifier that replaces that of a message."""
 
 
@@ -65,14 +62,12 @@ def _raws_outside(layout: MessageLayout) -> Iterator[tuple[int, int, int]]:
             yield signal.start, signal.length, raw
 
 
-_RAW_OUTSIDE = MappingProxyType(
-    {
-        layout.can_id: place
-        for layout in LAYOUTS
-        if layout.data_id is not None
-        for place in islice(_raws_outside(layout), 1)
-    }
-)
+_RAW_OUTSIDE: Mapping[int, tuple[int, int, int]] = {
+    layout.can_id: place
+    for layout in LAYOUTS
+    if layout.data_id is not None
+    for place in islice(_raws_outside(layout), 1)
+}
 _TYPES_BY_ID = {can_id: message_type for message_type, can_id in CAN_IDS.items()}
 
 

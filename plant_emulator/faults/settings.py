@@ -95,34 +95,32 @@ class Magnitude(NamedTuple):
 _SHARE = "share of frames"
 _SIGNAL_UNIT = "in the signal's unit"
 _HUGE = 1e6
-MAGNITUDES: Mapping[FaultKind, Magnitude] = MappingProxyType(
-    {
-        FaultKind.DROP: Magnitude(_SHARE, 1e-4, 1.0),
-        FaultKind.BURST_LOSS: Magnitude("frames in a burst", 1, 1000, True),
-        FaultKind.DUPLICATE: Magnitude(_SHARE, 1e-4, 1.0),
-        FaultKind.REORDER: Magnitude("frames of its message that overtake", 1, 50, True),
-        FaultKind.DELAY_SPIKE: Magnitude("s of further latency", 1e-4, 10.0),
-        FaultKind.FREEZE: Magnitude(_SHARE, 1e-4, 1.0),
-        FaultKind.BIT_FLIPS: Magnitude("probability that a bit flips", 1e-6, 0.5),
-        FaultKind.WRONG_LENGTH: Magnitude("bytes that are left", 0, 7, True),
-        FaultKind.WRONG_IDENTIFIER: Magnitude(_SHARE, 1e-4, 1.0),
-        FaultKind.SPOOF: Magnitude(_SIGNAL_UNIT, -_HUGE, _HUGE),
-        FaultKind.REPLAY: Magnitude("s back", 1e-3, 10.0),
-        FaultKind.OUT_OF_RANGE: Magnitude(_SHARE, 1e-4, 1.0),
-        FaultKind.STUCK: Magnitude(_SHARE, 1e-4, 1.0),
-        FaultKind.OFFSET: Magnitude(_SIGNAL_UNIT, -_HUGE, _HUGE),
-        FaultKind.SCALE: Magnitude("factor", -1000.0, 1000.0),
-        FaultKind.DRIFT: Magnitude("in the signal's unit per second", -_HUGE, _HUGE),
-        FaultKind.NOISE: Magnitude("standard deviation in the signal's unit", 0.0, _HUGE),
-        FaultKind.WEAK_MOTOR: Magnitude("share of the torque that is left", 0.0, 1.0),
-        FaultKind.LOST_CHANNEL: Magnitude("channels lost, of two", 1, 1, True),
-        FaultKind.SLOW_WHEEL: Magnitude("share of the rate that is left", 1e-3, 1.0),
-        FaultKind.STUCK_WHEEL: Magnitude("wheels stuck", 1, 1, True),
-        FaultKind.REVERSED_WHEEL: Magnitude("wheels reversed", 1, 1, True),
-        FaultKind.OFFSET_SENSOR: Magnitude("rad", -1.0, 1.0),
-        FaultKind.DRIFTING_SENSOR: Magnitude("rad/s", -1.0, 1.0),
-    }
-)
+MAGNITUDES: Mapping[FaultKind, Magnitude] = {
+    FaultKind.DROP: Magnitude(_SHARE, 1e-4, 1.0),
+    FaultKind.BURST_LOSS: Magnitude("frames in a burst", 1, 1000, True),
+    FaultKind.DUPLICATE: Magnitude(_SHARE, 1e-4, 1.0),
+    FaultKind.REORDER: Magnitude("frames of its message that overtake", 1, 50, True),
+    FaultKind.DELAY_SPIKE: Magnitude("s of further latency", 1e-4, 10.0),
+    FaultKind.FREEZE: Magnitude(_SHARE, 1e-4, 1.0),
+    FaultKind.BIT_FLIPS: Magnitude("probability that a bit flips", 1e-6, 0.5),
+    FaultKind.WRONG_LENGTH: Magnitude("bytes that are left", 0, 7, True),
+    FaultKind.WRONG_IDENTIFIER: Magnitude(_SHARE, 1e-4, 1.0),
+    FaultKind.SPOOF: Magnitude(_SIGNAL_UNIT, -_HUGE, _HUGE),
+    FaultKind.REPLAY: Magnitude("s back", 1e-3, 10.0),
+    FaultKind.OUT_OF_RANGE: Magnitude(_SHARE, 1e-4, 1.0),
+    FaultKind.STUCK: Magnitude(_SHARE, 1e-4, 1.0),
+    FaultKind.OFFSET: Magnitude(_SIGNAL_UNIT, -_HUGE, _HUGE),
+    FaultKind.SCALE: Magnitude("factor", -1000.0, 1000.0),
+    FaultKind.DRIFT: Magnitude("in the signal's unit per second", -_HUGE, _HUGE),
+    FaultKind.NOISE: Magnitude("standard deviation in the signal's unit", 0.0, _HUGE),
+    FaultKind.WEAK_MOTOR: Magnitude("share of the torque that is left", 0.0, 1.0),
+    FaultKind.LOST_CHANNEL: Magnitude("channels lost, of two", 1, 1, True),
+    FaultKind.SLOW_WHEEL: Magnitude("share of the rate that is left", 1e-3, 1.0),
+    FaultKind.STUCK_WHEEL: Magnitude("wheels stuck", 1, 1, True),
+    FaultKind.REVERSED_WHEEL: Magnitude("wheels reversed", 1, 1, True),
+    FaultKind.OFFSET_SENSOR: Magnitude("rad", -1.0, 1.0),
+    FaultKind.DRIFTING_SENSOR: Magnitude("rad/s", -1.0, 1.0),
+}
 SIGNAL_FAULTS = frozenset(
     {
         FaultKind.SPOOF,
@@ -144,16 +142,14 @@ STEERING_FAULTS = MOTOR_FAULTS | {
 }
 """The kinds inside the steering of a car; those of the motor need `[car.rack]`."""
 
-MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyType(
-    {
-        FaultDirection.DOWNLINK: (*messages.sent_by("CONTROLLER"), messages.HandWheelState),
-        FaultDirection.UPLINK: tuple(
-            kind
-            for kind in messages.sent_by("PLANT")
-            if messages.CYCLE_TIMES_MS[kind] or kind is messages.SteeringForce
-        ),
-    }
-)
+MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = {
+    FaultDirection.DOWNLINK: (*messages.sent_by("CONTROLLER"), messages.HandWheelState),
+    FaultDirection.UPLINK: tuple(
+        kind
+        for kind in messages.sent_by("PLANT")
+        if messages.CYCLE_TIMES_MS[kind] or kind is messages.SteeringForce
+    ),
+}
 """The plant's other optional messages, which have no cycle, arrive without faults."""
 
 

@@ -7,7 +7,6 @@ Another package may provide the equations of motion (``VehicleModel``); see
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
-from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -86,8 +85,7 @@ class VehicleSettings(Settings):
 
 
 LAG_S_MIN = 1e-6
-PUBLISHED: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
+PUBLISHED: Mapping[str, Mapping[str, float]] = {
         # Defaults of autowarefoundation/autoware.universe, simple_planning_simulator/README.md.
         "autoware": {
             "lag_s": 0.27, "dead_time_s": 0.24, "angle_limit_rad": 1.0, "rate_limit_rad_s": 5.0,
@@ -96,8 +94,7 @@ PUBLISHED: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "aiformula": {"lag_s": 0.12, "dead_time_s": 0.04, "rate_limit_rad_s": 1.396},  # 80°/s
         # Defaults of TUMFTM/Open-Car-Dynamics, ocd_steering_actuator_pt1_cpp.
         "open_car_dynamics": {"lag_s": 0.06, "angle_limit_rad": 0.3, "rate_limit_rad_s": 0.5},
-    }
-)  # fmt: skip
+    }  # fmt: skip
 """Actuators with their source."""
 
 

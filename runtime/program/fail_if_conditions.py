@@ -13,7 +13,6 @@ import operator
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ..command_line import offer, say
@@ -72,9 +71,9 @@ def of_part(quantities: Mapping[str, Quantity], part: str, prefix: str = "") -> 
     }
 
 
-LOOP_QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {"lateness_p99_s": Quantity(lambda report: float(report["loop"]["lateness"]["p99_s"]))}
-)
+LOOP_QUANTITIES: Mapping[str, Quantity] = {
+    "lateness_p99_s": Quantity(lambda report: float(report["loop"]["lateness"]["p99_s"]))
+}
 """What every program in real time has."""
 
 _COMPARISONS: Mapping[str, Callable[[Any, Any], bool]] = {

@@ -3,7 +3,6 @@
 import argparse
 import re
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
@@ -15,16 +14,12 @@ from ...runtime.settings import Settings, SettingsError, preset_names
 from ...runtime.settings.mistakes import hint, setting_words
 
 PLANT_SIDE, CONTROLLER_SIDE, HAND_WHEEL_SIDE = "plant", "controller", "hand_wheel"
-_PACKAGES: Mapping[str, str] = MappingProxyType(
-    {PLANT_SIDE: PLANT_PRESETS, CONTROLLER_SIDE: CONTROLLER_PRESETS}
-)
-_MODELS: Mapping[str, type[Settings]] = MappingProxyType(
-    {
-        PLANT_SIDE: PlantSettings,
-        CONTROLLER_SIDE: ControllerSettings,
-        HAND_WHEEL_SIDE: HandWheelSettings,
-    }
-)
+_PACKAGES: Mapping[str, str] = {PLANT_SIDE: PLANT_PRESETS, CONTROLLER_SIDE: CONTROLLER_PRESETS}
+_MODELS: Mapping[str, type[Settings]] = {
+    PLANT_SIDE: PlantSettings,
+    CONTROLLER_SIDE: ControllerSettings,
+    HAND_WHEEL_SIDE: HandWheelSettings,
+}
 
 
 def add_side_arguments(parser: argparse.ArgumentParser, default: str) -> None:
