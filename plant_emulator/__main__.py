@@ -1,17 +1,13 @@
 """Starts the program ``steer-by-wire plant``: ``plant_emulator.command_line.program``."""
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 
 from steer_by_wire.runtime.command_line import start_program
 
-NAME = "steer-by-wire plant"
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; returns its exit status."""
-    return start_program("steer_by_wire.plant_emulator.command_line.program", arguments, NAME)
-
+main = partial(
+    start_program, "steer_by_wire.plant_emulator.command_line.program", name="steer-by-wire plant"
+)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(None))

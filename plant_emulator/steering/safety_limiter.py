@@ -1,6 +1,6 @@
 """Limits of a steering command; and whether the wheel follows its target.
 
-    a_y = g δ,   g = V²/(L + K V²),   K = m̃/L (l_r/c_f − l_f/c_r)     in a steady turn
+    a_y = g δ     in a steady turn (``vehicle.steady_turn``)
 
     cause                 |δ| at most      change of δ within half a second at most
     ANGLE                 δ_max
@@ -8,8 +8,7 @@
     LATERAL_ACCELERATION  a_max/g
     LATERAL_JERK                           j_max · 0.5 s/g
 
-    δ   steer_rad   [rad]        V   speed [m/s]        L = l_f + l_r   wheelbase [m]
-    K   understeer gradient [s²/m · rad], in the textbook's form and not from the matrices of (1)
+    δ   steer_rad   [rad]
 
 ISO 11270:2014, 5.4, limits the lateral acceleration to 3 m/s² and the moving average over half a
 second of the lateral jerk to 5 m/s³. A command is a step with infinite jerk, so only such an
@@ -102,30 +101,6 @@ class LimiterState(NamedTuple):
 def start_limiter() -> LimiterState:
     """Return the state at time 0, wheel straight."""
     return LimiterState(0.0, _NONE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def acceleration_gain_m_s2(
-    speed_m_s: float,
-    virtual_mass_kg: float,
-    front_cornering_stiffness_n_rad: float,
-    rear_cornering_stiffness_n_rad: float,
-    front_axle_distance_m: float,
-    rear_axle_distance_m: float,
-) -> float:
-    """Return g [m/s² per rad]; that of a neutral vehicle, V²/L, if there is no steady state.
-
-    An oversteering vehicle (K < 0) has none from its critical speed on, where L + K V² = 0.
-    """
-    wheelbase_m = front_axle_distance_m + rear_axle_distance_m
-    compliance = (
-        rear_axle_distance_m / front_cornering_stiffness_n_rad
-        - front_axle_distance_m / rear_cornering_stiffness_n_rad
-    )
-    understeer_s2_m = virtual_mass_kg / wheelbase_m * compliance
-    turning_m = wheelbase_m + understeer_s2_m * speed_m_s * speed_m_s
-    if turning_m <= 0.0:
-        turning_m = wheelbase_m
-    return speed_m_s * speed_m_s / turning_m
 
 
 def limit_table(

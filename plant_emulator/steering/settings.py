@@ -11,8 +11,9 @@ from ...dbc.reception import SecondSenderAction
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 from ..vehicle.settings import ActuatorSettings, VehicleSettings
+from ..vehicle.steady_turn import acceleration_gain_m_s2
 from .hold_and_fallback import OFF_NS, RAMP_PERIOD_NS, GuardParams
-from .safety_limiter import LimiterParams, acceleration_gain_m_s2, limit_table
+from .safety_limiter import LimiterParams, limit_table
 
 OFF: Literal["off"] = "off"
 _N = TypeVar("_N")
@@ -82,14 +83,7 @@ def design_guard(
     settings: SafetySettings, vehicle: VehicleSettings, actuator: ActuatorSettings
 ) -> GuardParams:
     """Return the guard of a run."""
-    gain_m_s2 = acceleration_gain_m_s2(
-        vehicle.speed_m_s,
-        vehicle.virtual_mass_kg,
-        vehicle.front_cornering_stiffness_n_rad,
-        vehicle.rear_cornering_stiffness_n_rad,
-        vehicle.front_axle_distance_m,
-        vehicle.rear_axle_distance_m,
-    )
+    gain_m_s2 = acceleration_gain_m_s2(vehicle)
     table = limit_table(
         gain_m_s2,
         _bound(settings.angle_rad_max),

@@ -4,28 +4,13 @@ Not here: what a program needs beyond its node, such as options and signals (``p
 Begin at ``node.py``, whose names this package hands on.
 """
 
-from .node import (
-    NEVER_NS,
-    NS_PER_MS,
-    NS_PER_S,
-    NS_PER_US,
-    N,
-    Node,
-    ReportingNode,
-    View,
-    Wrapper,
-    innermost,
-)
-
-__all__ = [
-    "NEVER_NS",
-    "NS_PER_MS",
-    "NS_PER_S",
-    "NS_PER_US",
-    "N",
-    "Node",
-    "ReportingNode",
-    "View",
-    "Wrapper",
-    "innermost",
-]
+from .node import NEVER_NS as NEVER_NS
+from .node import NS_PER_MS as NS_PER_MS
+from .node import NS_PER_S as NS_PER_S
+from .node import NS_PER_US as NS_PER_US
+from .node import N as N
+from .node import Node as Node
+from .node import ReportingNode as ReportingNode
+from .node import View as View
+from .node import Wrapper as Wrapper
+from .node import innermost as innermost

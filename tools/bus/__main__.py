@@ -1,17 +1,11 @@
 """Starts the program ``steer-by-wire bus``: ``tools.bus.program``."""
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 
 from steer_by_wire.runtime.command_line import start_program
 
-NAME = "steer-by-wire bus"
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; returns its exit status."""
-    return start_program("steer_by_wire.tools.bus.program", arguments, NAME)
-
+main = partial(start_program, "steer_by_wire.tools.bus.program", name="steer-by-wire bus")
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(None))

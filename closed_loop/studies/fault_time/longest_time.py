@@ -17,8 +17,8 @@ from ....plant_emulator.path.ellipse_and_lane_changes import path_of_curvature
 from ....plant_emulator.path.path import Path
 from ....plant_emulator.path.settings import PathModel, PluginPathSettings
 from ....plant_emulator.settings import PlantSettings, plant_preset
-from ....plant_emulator.steering.safety_limiter import acceleration_gain_m_s2
 from ....plant_emulator.vehicle.settings import VehicleSettings
+from ....plant_emulator.vehicle.steady_turn import acceleration_gain_m_s2
 from ....runtime.settings import Settings, with_values
 from ...compiled.engine import Outcome, run_compiled
 from ..compiled_figures import farthest_beyond_lane_m
@@ -133,14 +133,7 @@ def plant_of(settings: FaultTimeSettings, case: Case, time_s: float | None) -> P
 def _fault(
     settings: FaultTimeSettings, fault: FaultName, vehicle: VehicleSettings
 ) -> dict[str, Any]:
-    offset_rad = settings.offset_m_s2 / acceleration_gain_m_s2(
-        vehicle.speed_m_s,
-        vehicle.virtual_mass_kg,
-        vehicle.front_cornering_stiffness_n_rad,
-        vehicle.rear_cornering_stiffness_n_rad,
-        vehicle.front_axle_distance_m,
-        vehicle.rear_axle_distance_m,
-    )
+    offset_rad = settings.offset_m_s2 / acceleration_gain_m_s2(vehicle)
     kind, magnitude = {
         FaultName.STUCK: (FaultKind.STUCK_WHEEL, 1.0),
         FaultName.OFFSET: (FaultKind.OFFSET_SENSOR, offset_rad),

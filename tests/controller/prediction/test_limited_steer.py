@@ -17,7 +17,8 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
 )
 from steer_by_wire.controller.prediction.prediction import steer_for
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import EstimatorState, model_step
-from steer_by_wire.plant_emulator.steering.safety_limiter import acceleration_gain_m_s2
+from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
+from steer_by_wire.plant_emulator.vehicle.steady_turn import acceleration_gain_m_s2
 from tests.support.loops.own_vehicle import VEHICLE
 
 SPEED_M_S = 60.0 / 3.6
@@ -60,7 +61,10 @@ def test_the_limit_is_that_of_a_guard_with_the_same_acceleration(
             "rear_axle_distance_m": rear_m,
         }
     )
-    gain_m_s2 = acceleration_gain_m_s2(speed_m_s, mass_kg, front_n_rad, rear_n_rad, front_m, rear_m)
+    axles_m = front_m, rear_m
+    gain_m_s2 = acceleration_gain_m_s2(
+        VehicleParams(speed_m_s, mass_kg, 1.0, front_n_rad, rear_n_rad, *axles_m, 1.0)
+    )
     assume(gain_m_s2 < 1e6)  # just below its critical speed an oversteering vehicle has any gain
     found_rad = steady_turn_rad(vehicle, speed_m_s, acceleration_m_s2)
     assert found_rad == pytest.approx(acceleration_m_s2 / gain_m_s2, rel=1e-6)

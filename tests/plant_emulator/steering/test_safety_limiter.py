@@ -8,6 +8,7 @@ import pytest
 
 from steer_by_wire.plant_emulator.steering import safety_limiter
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
+from steer_by_wire.plant_emulator.vehicle.steady_turn import acceleration_gain_m_s2
 
 MS_NS = 1_000_000
 INF = math.inf
@@ -125,11 +126,6 @@ def gain_by_the_matrices(p: VehicleParams) -> float:
     return p.speed_m_s * float((a21 * b1 - a11 * b2) / (a11 * a22 - a12 * a21))
 
 
-def gain(p: VehicleParams) -> float:
-    speed, mass, _, front, rear, front_axle, rear_axle, _ = p
-    return safety_limiter.acceleration_gain_m_s2(speed, mass, front, rear, front_axle, rear_axle)
-
-
 def test_the_gain_is_that_of_the_single_track_model_in_a_steady_turn() -> None:
     """Two derivations: the textbook's understeer gradient, and (1) solved for no change."""
     for speed_m_s in (0.3, 1.4, 5.0, 16.7, 40.0):
@@ -140,13 +136,15 @@ def test_the_gain_is_that_of_the_single_track_model_in_a_steady_turn() -> None:
         ):
             p = VehicleParams(speed_m_s, mass_kg, 3728.0, front, rear, 1.3008, 1.5453, 1.9)
             if gain_by_the_matrices(p) > 0.0:
-                assert gain(p) == pytest.approx(gain_by_the_matrices(p), rel=1e-9)
+                assert acceleration_gain_m_s2(p) == pytest.approx(gain_by_the_matrices(p), rel=1e-9)
 
 
 def test_without_a_steady_state_the_gain_is_the_neutral_vehicles() -> None:
     """L = 2, K = 1/2 (1/1 - 1/0.2) = -2 by mass 1: critical at 1 m/s."""
-    assert safety_limiter.acceleration_gain_m_s2(1.0, 1.0, 1.0, 0.2, 1.0, 1.0) == 0.5
-    assert safety_limiter.acceleration_gain_m_s2(2.0, 1.0, 1.0, 0.2, 1.0, 1.0) == 2.0
+    critical = VehicleParams(1.0, 1.0, 1.0, 1.0, 0.2, 1.0, 1.0, 1.0)
+    assert acceleration_gain_m_s2(critical) == 0.5
+    assert acceleration_gain_m_s2(critical._replace(speed_m_s=2.0)) == 2.0
     almost = 1.0 - 2.0**-22  # the mass just below, where the gain is finite and large
-    assert safety_limiter.acceleration_gain_m_s2(1.0, almost, 1.0, 0.2, 1.0, 1.0) == 2.0**21
-    assert safety_limiter.acceleration_gain_m_s2(1.0, 1.0, 1.0, 1.0, 1.0, 1.0) == 0.5
+    assert acceleration_gain_m_s2(critical._replace(virtual_mass_kg=almost)) == 2.0**21
+    neutral = critical._replace(rear_cornering_stiffness_n_rad=1.0)
+    assert acceleration_gain_m_s2(neutral) == 0.5
