@@ -40,7 +40,7 @@ from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_S, View
 from ..runtime.node.overruns import OverrunSupervision, overrun_rule
 from ..runtime.node.periodic import PeriodicTimer
-from ..runtime.node.statistics import DurationStatistics, durations_report
+from ..runtime.node.statistics import DurationStatistics
 from .cycle import CYCLE_AT_REST, CycleInput, cycle_step
 from .driver import HANDS_OFF, ReactionTime, Sight, kicks_n_m
 from .feedback_laws import FEEDBACK_LAWS, FeedbackInput
@@ -244,7 +244,7 @@ class HandWheelNode:
             "amplitude_rad": None if found is None else found.amplitude_rad,
             "peak_angle_rad": self._peak_rad,
             "peak_driver_torque_n_m": self._peak_n_m,
-            "round_trip": durations_report(self._round_trip.summary()),
+            "round_trip": self._round_trip.report(),
             "accepted": reception.accepted,
             "lost": reception.lost,
             "rejected": reception.rejected,

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from ...runtime.node.statistics import DurationStatistics, durations_report
+from ...runtime.node.statistics import DurationStatistics
 
 CONFIDENCE = 0.95
 _Z = NormalDist().inv_cdf(0.5 + 0.5 * CONFIDENCE)
@@ -89,8 +89,8 @@ class Durations:
         ``jitter_s``  standard deviation
         ``interval``  of mean, quantiles and jitter, as in the head of this module
         """
-        summary = self._statistics.summary()
-        n = summary.samples
+        figures = self._statistics.report()
+        n = figures["samples"]
         if not n:
             keys = ("min_s", "mean_s", "p50_s", "p99_s", "max_s", "jitter_s", "interval")
             return {"samples": 0, **dict.fromkeys(keys)}
@@ -98,7 +98,6 @@ class Durations:
         variance = max(two - mean * mean, 0.0)
         jitter_s = math.sqrt(variance)
         fourth = four - 4.0 * mean * three + 6.0 * mean * mean * two - 3.0 * mean**4
-        figures = durations_report(summary)
         least = {"samples": n, "min_s": (self._min_ns or 0) / NS_PER_S}
         independent, interval = self.independent(), None
         if independent >= _FEWEST:

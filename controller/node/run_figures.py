@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from ...dbc.messages import Mode, Validity
 from ...runtime.node import NS_PER_S
-from ...runtime.node.statistics import DurationStatistics, durations_report
+from ...runtime.node.statistics import DurationStatistics
 from ..law_interface import LawOutput
 
 
@@ -154,13 +154,12 @@ class RunFigures:
         since_start_ns = sum(ns for mode, ns in mode_ns.items() if mode is not Mode.WAITING)
         ticks = max(self._law_ticks, 1)
         steered_ns = self._law_ticks * self._period_ns
-        round_trip = self.round_trip.summary()
-        in_effect = round_trip.samples
+        round_trip = self.round_trip.report()
         silent_ns = self.last_tick_ns - self._effect_ns if self.hears_effects else 0
         return {
             "verdict": str(control_verdict(failure, self._mode, silent_ns, self._period_ns)),
             "active_share": min(1.0, steered_ns / (since_start_ns + self._period_ns)),
-            "in_effect": in_effect,
+            "in_effect": round_trip["samples"],
             "no_effect_s": max(0, silent_ns) / NS_PER_S,
             "measured_rms_m": math.sqrt(self._squares_m2 / ticks),
             "measured_peak_m": self._measured_peak_m,
@@ -172,6 +171,6 @@ class RunFigures:
             },
             "holds": self._holds,
             "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in mode_ns.items()},
-            "round_trip": durations_report(round_trip),
-            "sample_age": durations_report(self.sample_age.summary()),
+            "round_trip": round_trip,
+            "sample_age": self.sample_age.report(),
         }

@@ -7,10 +7,9 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...runtime.settings.toml_text import dump_toml
-from ..path.path import Path
+from ..path.path import curvature
 from ..settings import PlantSettings, plant_motion_params
 from ..steering.safety_limiter import AVERAGING_S, Cause
 from ..steering.settings import design_guard
@@ -57,7 +56,8 @@ def _path(settings: PlantSettings, params: AnyMotionParams) -> Iterator[str]:
     lap = f"a lap of {path.length_m:.4g} m" if path.closed else f"{path.length_m:.4g} m long"
     yield f"Path: {settings.path.kind}, {lap}; {driven_m:.4g} m in {settings.duration_s:g} s:"
     within_m = min(driven_m, path.length_m or driven_m) or driven_m
-    curvature_1_m = _curvature(path, np.linspace(0.0, within_m, _POINTS))
+    places_m = np.linspace(0.0, within_m, _POINTS).tolist()
+    curvature_1_m = np.array([curvature(path, place_m) for place_m in places_m])
     largest_1_m = float(np.abs(curvature_1_m).max())
     yield f"  largest curvature    {largest_1_m:.4g} 1/m"
     yield f"  lateral acceleration {speed_m_s**2 * largest_1_m:.4g} m/s²"
@@ -101,11 +101,3 @@ def _grip(settings: PlantSettings, car: CarSettings, curvature_1_m: float) -> st
         f" {turn.vehicle.front_cornering_stiffness_n_rad:.4g} and"
         f" {turn.vehicle.rear_cornering_stiffness_n_rad:.4g} N/rad"
     )
-
-
-def _curvature(path: Path, arc_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the curvature at arc lengths of the first lap [1/m]."""
-    start_m = np.asarray(path.start_m)
-    piece = np.searchsorted(start_m, arc_m, side="right") - 1
-    slope = np.asarray(path.curvature_slope_1_m2)[piece]
-    return np.asarray(np.asarray(path.curvature_1_m)[piece] + slope * (arc_m - start_m[piece]))

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ...runtime.node.statistics import durations_report
 from ..network.latency_line import LatencyLine
 from .run_record import RunningFigures
 from .run_verdict import VerdictRules, driven_end, judge
@@ -71,6 +70,6 @@ def line_report(line: LatencyLine[Any]) -> Mapping[str, Any]:
     """
     return {
         **line.counts._asdict(),
-        "injected": durations_report(line.injected.summary()),
-        "latency": durations_report(line.latency.summary()),
+        "injected": line.injected.report(),
+        "latency": line.latency.report(),
     }

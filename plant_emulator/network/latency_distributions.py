@@ -39,21 +39,6 @@ class Distribution(StrEnum):
     GAMMA = "gamma"
 
 
-def constant_quantile(u: float, mean_s: float, spread_s: float) -> float:  # noqa: ARG001 - one signature
-    """Return the mean [s]."""
-    return mean_s
-
-
-def uniform_quantile(u: float, mean_s: float, spread_s: float) -> float:
-    """Return the quantile [s] of the uniform distribution, clipped at zero."""
-    return max(0.0, mean_s + _SQRT_3 * spread_s * (2.0 * u - 1.0))
-
-
-def normal_quantile(u: float, mean_s: float, spread_s: float) -> float:
-    """Return the quantile [s] of the normal distribution, clipped at zero."""
-    return max(0.0, mean_s + spread_s * _STANDARD_NORMAL.inv_cdf(u))
-
-
 def lognormal_quantile(u: float, mean_s: float, spread_s: float) -> float:
     """Return the quantile [s] of the lognormal distribution."""
     if min(mean_s, spread_s) < RESOLUTION_S:
@@ -76,9 +61,13 @@ def gamma_quantile(u: float, mean_s: float, spread_s: float) -> float:
 Quantile = Callable[[float, float, float], float]
 
 QUANTILES: dict[Distribution, Quantile] = {
-    Distribution.CONSTANT: constant_quantile,
-    Distribution.UNIFORM: uniform_quantile,
-    Distribution.NORMAL: normal_quantile,
+    Distribution.CONSTANT: lambda _u, mean_s, _spread_s: mean_s,
+    Distribution.UNIFORM: lambda u, mean_s, spread_s: max(
+        0.0, mean_s + _SQRT_3 * spread_s * (2.0 * u - 1.0)
+    ),
+    Distribution.NORMAL: lambda u, mean_s, spread_s: max(
+        0.0, mean_s + spread_s * _STANDARD_NORMAL.inv_cdf(u)
+    ),
     Distribution.LOGNORMAL: lognormal_quantile,
     Distribution.GAMMA: gamma_quantile,
 }

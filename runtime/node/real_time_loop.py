@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Protocol
 
 from ..frame import ERROR, Frame
 from .node import NS_PER_S, Node
-from .statistics import DurationStatistics, durations_report
+from .statistics import DurationStatistics
 
 FRAMES_PER_WAKE_UP_MAX = 256
 TICKS_PER_WAKE_UP_MAX = 10_000
@@ -90,7 +90,7 @@ class RealTimeExecutor:
         ``busy_fraction``    part of ``duration_s`` spent outside of waiting
         """
         return {
-            "lateness": durations_report(self._lateness.summary()),
+            "lateness": self._lateness.report(),
             "overdue": self._overdue,
             "wake_ups": self._wake_ups,
             "full_wake_ups": self._full_wake_ups,

@@ -9,7 +9,6 @@ the durations.
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from .node import NS_PER_S
 
@@ -18,27 +17,6 @@ _BIN_BITS = 8
 _LEADING_MASK = (1 << _BIN_BITS) - 1
 _BLOCK = 256
 """Durations that are counted together; this takes tens of microseconds if all differ."""
-
-
-class DurationSummary(NamedTuple):
-    """Figures for a report; all zero when nothing was recorded."""
-
-    samples: int
-    mean_ns: float
-    p50_ns: int
-    p99_ns: int
-    max_ns: int
-
-
-def durations_report(summary: DurationSummary) -> dict[str, float]:
-    """Return a summary of durations in seconds."""
-    return {
-        "samples": summary.samples,
-        "mean_s": summary.mean_ns / NS_PER_S,
-        "p50_s": summary.p50_ns / NS_PER_S,
-        "p99_s": summary.p99_ns / NS_PER_S,
-        "max_s": summary.max_ns / NS_PER_S,
-    }
 
 
 class DurationStatistics:
@@ -100,14 +78,14 @@ class DurationStatistics:
                 return max(min(middle_ns, self._max_ns), self._min_ns)
         return 0
 
-    def summary(self) -> DurationSummary:
-        """Number, mean, median, 99th percentile and maximum."""
+    def report(self) -> dict[str, float]:
+        """Return number, mean, median, 99th percentile and maximum; zeros without durations."""
         self._count_waiting()
         samples = sum(self._bins.values())
-        return DurationSummary(
-            samples=samples,
-            mean_ns=self._total_ns / samples if samples else 0.0,
-            p50_ns=self.quantile_ns(0.5),
-            p99_ns=self.quantile_ns(0.99),
-            max_ns=self._max_ns,
-        )
+        return {
+            "samples": samples,
+            "mean_s": self._total_ns / samples / NS_PER_S if samples else 0.0,
+            "p50_s": self.quantile_ns(0.5) / NS_PER_S,
+            "p99_s": self.quantile_ns(0.99) / NS_PER_S,
+            "max_s": self._max_ns / NS_PER_S,
+        }

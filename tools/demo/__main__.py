@@ -16,25 +16,15 @@ from functools import partial
 
 from rich.console import Console
 
-from steer_by_wire.closed_loop.pair.live_bus import BUSES, Channels, open_channels
+from steer_by_wire.closed_loop.pair.live_bus import BUSES, open_channels
 from steer_by_wire.closed_loop.pair.pair_result import PairFiles
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.command_line import (
-    add_out_argument,
-    command_parser,
-    number,
-    run_main,
-)
+from steer_by_wire.runtime.command_line import add_out_argument, command_parser, number, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.program.bus_options import (
-    add_traffic_arguments,
-    bus_settings,
-)
+from steer_by_wire.runtime.program.bus_options import add_traffic_arguments, bus_settings
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.tools.demo.laws_and_phases import (
     LAWS,
-    LawResult,
     law_result,
     phases_of,
     story_table,
@@ -89,28 +79,16 @@ def _demo(options: argparse.Namespace) -> int:
         live = run_live(channels, files, plant.duration_s, console)
     virtual = run_virtual(plants, controllers, bus, console)
     results = [law_result(law, plants[law], live[law], virtual[law]) for law in LAWS]
-    _present(options, console, plant, channels, results)
-    return ExitStatus.OK
-
-
-def _present(
-    options: argparse.Namespace,
-    console: Console,
-    plant: PlantSettings,
-    channels: Channels,
-    results: Sequence[LawResult],
-) -> None:
-    """Print the tables, draw the picture, write the summary."""
-    out, phases = options.out, phases_of(plant)
-    picture = out / "lateral_error.png"
+    phases, out = phases_of(plant), options.out
+    picture, summary = out / "lateral_error.png", out / "summary.json"
     draw(results, phases, picture)
     run = {"bus": channels.description, "plant_settings": plant.model_dump(mode="json")}
-    summary = summary_json(results, phases, run)
-    write_json(out / "summary.json", summary)
+    write_json(summary, summary_json(results, phases, run))
     console.print(story_table(results, phases))
     console.print(f"picture: {picture}", soft_wrap=True)
-    console.print(f"all figures: {out / 'summary.json'}", soft_wrap=True)
+    console.print(f"all figures: {summary}", soft_wrap=True)
     console.print(verdict_line(results), soft_wrap=True)
+    return ExitStatus.OK
 
 
 if __name__ == "__main__":

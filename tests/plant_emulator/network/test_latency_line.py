@@ -74,9 +74,9 @@ def test_no_frame_is_early_and_every_frame_is_accounted_for(
     assert [frame.left_ns for frame in left] == sorted(frame.left_ns for frame in left)
     counts = tested.counts
     assert counts.pushed == 60
-    assert counts.released == len(left) == tested.latency.summary().samples
+    assert counts.released == len(left) == tested.latency.report()["samples"]
     assert counts.pushed == (counts.released + counts.lost + counts.superseded + counts.overflowed)
-    assert tested.injected.summary().samples == counts.pushed - counts.lost
+    assert tested.injected.report()["samples"] == counts.pushed - counts.lost
     if network["order"] != "newest_wins":
         assert counts.superseded == 0
     assert tested.next_due_ns == NEVER_NS
@@ -218,7 +218,7 @@ def test_a_constant_latency_leaves_draws_and_order_as_they_are(
                 for due_ns, came_ns, frames in uplink.pop_due(now_ns)
                 for frame in frames
             ]
-        return [left, uplink.counts, uplink.latency.summary(), uplink.injected.summary()]
+        return [left, uplink.counts, uplink.latency.report(), uplink.injected.report()]
 
     short = leave(200)
     monkeypatch.setattr(LatencyDraw, "_constant_ns", lambda _draw: None)
