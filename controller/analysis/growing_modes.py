@@ -30,7 +30,7 @@ import numpy as np
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..matrices import zero_order_hold
-from .linear_system import companion_form, heading_row, without_idle_states
+from .linear_system import companion_form, triangular
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 
 _PHASE_STEP_RAD = 1.0
@@ -49,13 +49,12 @@ class GrowingModes:
     """The modes of one loop outside |z| = ρ, at any constant delay up to ``delay_ns_max`` [ns]."""
 
     def __init__(self, loop: SampledLoop, delay_ns_max: int) -> None:
-        self._law = without_idle_states(loop.law)
-        self._a, self._b, self._c = companion_form(loop.model)
-        self._model = loop.model
+        self._law = triangular(loop.law)
+        self._a, self._b, self._c = companion_form(loop.model, len(loop.law.d))
         self._period_ns = loop.period_ns
         self._transition, self._whole = zero_order_hold(self._a, self._b, loop.period_ns / NS_PER_S)
         self._delay_ns_max = delay_ns_max
-        self._degree = len(self._law.b) + len(self._c)
+        self._degree = len(self._law.b) + len(self._b)
         self._log_radius = -SLOWEST_DECAY_1_S * loop.period_ns / NS_PER_S
         self._new: dict[int, FloatArray] = {}
         self._theta = self._grid()
@@ -116,15 +115,10 @@ class GrowingModes:
     def _polynomials(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return q, shape (points,), and the factors of p, shape (points, plant order)."""
         z = self._z(theta)
-        shifted = (z[:, None, None] * np.eye(len(self._c)) - self._transition).transpose(0, 2, 1)
-        row = np.linalg.solve(shifted, self._c[:, None])[:, :, 0]
-        of_law, response = self._law.determinant_and_response(z)
-        q = np.linalg.det(shifted) * of_law
-        p = (q * response)[:, None] * row
-        if self._law.heading is not None:
-            row = np.linalg.solve(shifted, heading_row(self._model)[:, None])[:, :, 0]
-            p += (q * self._law.heading.response(z))[:, None] * row
-        return q, p
+        shifted = (z[:, None, None] * np.eye(len(self._b)) - self._transition).transpose(0, 2, 1)
+        rows = np.linalg.solve(shifted, self._c.T)
+        q = np.linalg.det(shifted) * self._law.determinant(z)
+        return q, np.einsum("iz,zni->zn", q * self._law.response(z), rows)
 
     def _chi(
         self, theta: FloatArray, q: ComplexArray, p: ComplexArray, delay_ns: int

@@ -28,7 +28,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..matrices import zero_order_hold
 from .arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf, hazards_by_age
-from .linear_system import companion_form, heading_row, without_idle_states
+from .linear_system import companion_form, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from .stable_delays import Interval, stable_intervals
 
@@ -97,7 +97,8 @@ class _MomentRecursion:
     def __init__(self, loop: SampledLoop, when: Arrivals) -> None:
         hazards, oldest = hazards_by_age(when)
         youngest = int(np.argmax(hazards > 0.0))
-        law, (a, b, c) = without_idle_states(loop.law), companion_form(loop.model)
+        law = without_idle_states(loop.law)
+        a, b, c = companion_form(loop.model, len(law.d))
         plant_end, law_end = len(b), len(b) + len(law.b)
         order, modes = law_end + oldest + 1, oldest + 1 - youngest
         if modes * order**2 > MOMENTS_MAX:
@@ -111,12 +112,8 @@ class _MomentRecursion:
         self._transition, self._hold = zero_order_hold(a, b, self._period_s)
         self._held_rows = law_end + youngest + np.arange(modes)
         self._law = np.zeros((law_end + 1 - plant_end, law_end))  # its next state and command
-        self._law[:-1, :plant_end] = np.outer(law.b, c)
-        self._law[:-1, plant_end:] = law.a
-        self._law[-1] = np.concatenate([law.d * c, law.c])
-        if law.heading is not None:
-            read = np.append(law.heading.b, law.heading.d)
-            self._law[:, :plant_end] += np.outer(read, heading_row(loop.model))
+        self._law[:, :plant_end] = np.vstack([law.b, law.d]) @ c
+        self._law[:, plant_end:] = np.vstack([law.a, law.c])
         self._chosen, self._kept = newest_arrivals(hazards[youngest:])
 
     def is_stable(self) -> bool:

@@ -1,7 +1,7 @@
 """Linear discrete systems as matrices, for design time: the law as it runs, the plant as held.
 
     x[k+1] = A x[k] + B v[k]
-    w[k]   = C x[k] + D v[k]         one input, one output; a law may read the heading error too
+    w[k]   = C x[k] + D v[k]
 
 The law's matrices come from its own step function, so what is analysed is what runs. The plant's
 are exact for a command held over the period and delayed by any time.
@@ -14,7 +14,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
@@ -25,52 +24,46 @@ from ..matrices import zero_order_hold
 
 
 class LinearSystem(NamedTuple):
-    """A, B, C and D; B and C as vectors.
+    """A, B, C and D; shapes (n, n), (n, inputs), (n,) and (inputs,).
 
-    ``heading``  the system from a second input, the heading error; None where it is not read
+    The inputs of a law are the lateral error, and the heading error if it reads that.
     """
 
     a: FloatArray
     b: FloatArray
     c: FloatArray
-    d: float
-    heading: LinearSystem | None = None
+    d: FloatArray
+
+
+class TriangularSystem(NamedTuple):
+    """The same with A upper triangular, complex: its Schur form.
+
+    One back substitution then serves all z. A polynomial would lose the dozen poles near z = 1 in
+    its coefficients, and a linear solve for each z would take longer.
+    """
+
+    a: ComplexArray
+    b: ComplexArray
+    c: ComplexArray
+    d: FloatArray
+
+    @property
+    def poles(self) -> ComplexArray:
+        """The eigenvalues of A."""
+        return np.diagonal(self.a)
+
+    def determinant(self, z: ComplexArray) -> ComplexArray:
+        """Return det(zI - A) at each of ``z``."""
+        return np.asarray(np.prod(z[:, None] - self.poles, axis=1))
 
     def response(self, z: ComplexArray) -> ComplexArray:
-        """Return C (zI - A)⁻¹ B + D at each of ``z``, none of them a pole."""
-        return self.determinant_and_response(z)[1]
-
-    def determinant_and_response(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return det(zI - A), and the response, at each of ``z``.
-
-        A state that only delays another one, by n ticks, is z⁻ⁿ times it. So the order of the
-        problem does not grow with the number of past commands that a law reads.
-        """
-        delayed_by, source = self._delays()
-        kept, late = np.flatnonzero(delayed_by == 0), np.flatnonzero(delayed_by)
-        rows = np.vstack((self.a[kept], self.c))
-        read = np.repeat(rows[None, :, kept].astype(np.complex128), len(z), axis=0)
-        for of in np.unique(source[late]):
-            late_of = late[source[late] == of]
-            powers = z[:, None] ** -delayed_by[late_of].astype(np.float64)
-            read[:, :, np.searchsorted(kept, of)] += powers @ rows[:, late_of].T
-        matrix = z[:, None, None] * np.eye(len(kept)) - read[:, :-1]
-        states = np.linalg.solve(matrix, self.b[kept, None])[:, :, 0]
-        response = np.einsum("ij,ij->i", states, read[:, -1]) + self.d
-        return z ** float(len(late)) * np.linalg.det(matrix), response
-
-    def _delays(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return by how many ticks each state delays another, 0 for most, and which that is."""
-        own = np.arange(len(self.b))
-        is_one = (np.count_nonzero(self.a, axis=1) == 1) & (self.a.sum(axis=1) == 1.0)
-        delays = is_one & (self.b == 0.0) & (self.a.diagonal() == 0.0)
-        before = np.where(delays, self.a @ own, own).astype(np.intp)
-        ticks, source, further = delays.astype(np.intp), before, delays
-        for _ in own:
-            further = delays & delays[source]
-            ticks, source = ticks + further, np.where(further, before[source], source)
-        ticks[further] = 0  # these delay each other in a circle
-        return ticks, source
+        """Return C (zI - A)⁻¹ B + D at each of ``z``, none of them a pole; shape (inputs, Z)."""
+        of_inputs = np.repeat(self.b, len(z), axis=1)
+        each_z, states = np.tile(z, len(self.d)), np.empty_like(of_inputs)
+        for row in reversed(range(len(states))):
+            later = self.a[row, row + 1 :] @ states[row + 1 :]
+            states[row] = (of_inputs[row] + later) / (each_z - self.a[row, row])
+        return np.asarray((self.c @ states).reshape(len(self.d), -1) + self.d[:, None])
 
 
 class HeldPlant(NamedTuple):
@@ -79,7 +72,7 @@ class HeldPlant(NamedTuple):
         x[k+1] = A x[k] + b_new u[k-n] + b_old u[k-n-1],   y[k] = C x[k]
 
     A command given at tick k acts from n whole periods and a rest ε later: in each period the older
-    command acts for ε and the newer one for what remains.
+    command acts for ε and the newer one for what remains. A row of C for each output.
     """
 
     a: FloatArray
@@ -134,41 +127,46 @@ def law_system(design: LawDesign) -> LinearSystem:
     if not np.isfinite(rows).all():
         raise NotLinearError("the law has no finite answer to a small error")
     rows.flags.writeable = False
-    a, b, of_heading = rows[:, :-2], rows[:, -2], rows[:, -1]
-    reads = LinearSystem(a, of_heading, a[order], float(of_heading[order]))
-    return LinearSystem(a, b, a[order], float(b[order]), reads if design.heading_gain else None)
+    a, b = np.split(rows if design.heading_gain else rows[:, :-1], [len(rows)], axis=1)
+    return LinearSystem(a, b, a[order], b[order])
 
 
 def without_idle_states(system: LinearSystem) -> LinearSystem:
     """Return the system without states that nothing drives or nothing reads: poles at z = 0."""
     while True:
-        driven = np.any(system.a, axis=1) | (system.b != 0.0)
-        if system.heading is not None:
-            driven |= system.heading.b != 0.0
-        read = np.any(system.a, axis=0) | (system.c != 0.0)
-        kept = driven & read
+        a, b, c, d = system
+        kept = np.any(np.hstack((a, b)), axis=1) & np.any(np.vstack((a, c)), axis=0)
         if np.all(kept):
             return system
-        system = _with(system, kept)
+        system = LinearSystem(a[np.ix_(kept, kept)], b[kept], c[kept], d)
 
 
-def _with(system: LinearSystem, kept: NDArray[np.bool_]) -> LinearSystem:
-    return LinearSystem(
-        system.a[np.ix_(kept, kept)],
-        system.b[kept],
-        system.c[kept],
-        system.d,
-        None if system.heading is None else _with(system.heading, kept),
-    )
+def triangular(system: LinearSystem) -> TriangularSystem:
+    """Return a system in Schur form, without its idle states."""
+    from scipy.linalg import matrix_balance, schur  # not before it is needed: nodes import this
+
+    a, b, c, d = without_idle_states(system)
+    # Balancing costs no rounding and saves two digits: the states differ by orders of magnitude.
+    balanced, (scale, _) = matrix_balance(a, permute=False, separate=True)
+    triangle, basis = schur(balanced, output="complex")
+    return TriangularSystem(triangle, basis.conj().T @ (b / scale[:, None]), (c * scale) @ basis, d)
+
+
+@lru_cache(maxsize=1)
+def triangular_law(design: LawDesign) -> TriangularSystem:
+    """Return a law in Schur form; the newest is kept, as demand after demand asks for it."""
+    return triangular(law_system(design))
 
 
 @lru_cache(maxsize=_PLANTS_KEPT)
-def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPlant:
+def held_plant(
+    model: TransferFunction, period_ns: int, delay_ns: int, outputs: int = 1
+) -> HeldPlant:
     """Return the plant for one control period and any constant delay ≥ 0, as read-only arrays.
 
-    Raises ValueError for a model that is not strictly proper: it would answer before the hold.
+    Raises as ``companion_form``.
     """
-    a, b, c = companion_form(model)
+    a, b, c = companion_form(model, outputs)
     whole_periods, rest_ns = divmod(delay_ns, period_ns)
     transition, _ = zero_order_hold(a, b, period_ns / NS_PER_S)
     after_rest, b_new = zero_order_hold(a, b, (period_ns - rest_ns) / NS_PER_S)
@@ -179,35 +177,28 @@ def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPl
     return HeldPlant(transition, b_new, b_old, c, whole_periods)
 
 
-def companion_form(model: TransferFunction) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return A, B and C of a continuous transfer function.
+def companion_form(
+    model: TransferFunction, outputs: int = 1
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A, B and C of a continuous transfer function; C has a row for each output.
 
-    Raises ValueError for one that is not strictly proper: it would answer before the hold.
+    Of two outputs the second is the heading error. Raises ValueError for a model that does not have
+    it, and for one that is not strictly proper: it would answer before the hold.
     """
     numerator, denominator = polynomials(model)
     order = len(denominator) - 1
     if len(numerator) > order:
         raise ValueError("the plant has to be strictly proper")
+    if outputs > 1 and not model.heading:
+        raise ValueError("the law reads the heading error: it needs nominal_model.kind = 'vehicle'")
     a = np.eye(order, k=1)
     a[-1] = -denominator[:0:-1] / denominator[0]
     b = np.zeros(order)
     b[-1] = 1.0
-    c = np.zeros(order)
-    c[: len(numerator)] = numerator[::-1] / denominator[0]
+    c = np.zeros((outputs, order))
+    for row, zeros in zip(c, (numerator, _product(model.heading, 0)), strict=False):
+        row[: len(zeros)] = zeros[::-1] / denominator[0]
     return a, b, c
-
-
-def heading_row(model: TransferFunction) -> FloatArray:
-    """Return the C of the heading error, to the A and B of ``companion_form``.
-
-    Raises ValueError for a model that has no heading error.
-    """
-    if not model.heading:
-        raise ValueError("the law reads the heading error: it needs nominal_model.kind = 'vehicle'")
-    numerator, denominator = _product(model.heading, 0), polynomials(model)[1]
-    row = np.zeros(len(denominator) - 1)
-    row[: len(numerator)] = numerator[::-1] / denominator[0]
-    return row
 
 
 def polynomials(model: TransferFunction) -> tuple[FloatArray, FloatArray]:

@@ -267,7 +267,7 @@ def _observer_form(model: TransferFunction) -> tuple[FloatArray, FloatArray]:
 
     A model of fewer states leaves some that nothing drives.
     """
-    a, b, c = companion_form(model)
+    a, b, (c,) = companion_form(model)
     order = max(len(b), Y + 1)
     padded_a, padded_b = np.zeros((order, order)), np.zeros(order)
     padded_a[: len(b), : len(b)], padded_b[: len(b)] = a.T, c

@@ -18,7 +18,7 @@ from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
 from ..laws.law_from_settings import LawDesign
-from .linear_system import heading_row, held_plant, law_system, without_idle_states
+from .linear_system import HeldPlant, held_plant, law_system, triangular
 
 SLOWEST_DECAY_1_S = 1e-3
 """A mode that decays more slowly counts as drift: it takes a quarter of an hour to fall to a third.
@@ -110,21 +110,20 @@ class SampledLoop:
 
         The loop is cut where the command goes onto the bus; -1 is the critical point.
         """
-        a, b_new, b_old, c, whole_periods = held_plant(self.model, self.period_ns, delay_ns)
-        law = without_idle_states(self.law)
+        a, b_new, b_old, c, whole_periods = self._plant(delay_ns)
+        law = triangular(self.law)
 
         def response(omega_rad_s: FloatArray) -> ComplexArray:
             z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)
             inputs = b_new + b_old / z[:, None]
-            states = np.linalg.solve(z[:, None, None] * np.eye(len(c)) - a, inputs[:, :, None])
-            delayed = z ** float(-whole_periods)
-            loop = -law.response(z) * (states[:, :, 0] @ c * delayed)
-            if law.heading is not None:
-                heading = states[:, :, 0] @ heading_row(self.model) * delayed
-                loop -= law.heading.response(z) * heading
-            return np.asarray(loop, dtype=np.complex128)
+            states = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, inputs[:, :, None])
+            outputs = (states[:, :, 0] @ c.T).T * z ** float(-whole_periods)
+            return np.asarray(-(law.response(z) * outputs).sum(axis=0), dtype=np.complex128)
 
         return response
+
+    def _plant(self, delay_ns: int) -> HeldPlant:
+        return held_plant(self.model, self.period_ns, delay_ns, len(self.law.d))
 
     def _grid(self, delay_ns: int) -> FloatArray:
         """Return ω up to Nyquist, dense in ratio and, for the turns of the delay, evenly."""
@@ -138,25 +137,19 @@ class SampledLoop:
 
         The commands are u[k-1], u[k-2], ..., u[k-n-1].
         """
-        a, b_new, b_old, c, whole_periods = held_plant(self.model, self.period_ns, delay_ns)
+        a, b_new, b_old, c, whole_periods = self._plant(delay_ns)
         law = self.law
-        plant_end = len(c)
+        plant_end = len(a)
         law_end = plant_end + len(law.b)
         order = law_end + whole_periods + 1
         command = np.zeros(order)  # u[k] from all states
-        read = np.outer(law.b, c)  # by the law, of the plant
-        command[:plant_end] = law.d * c
-        if law.heading is not None:
-            of_heading = heading_row(self.model)
-            read += np.outer(law.heading.b, of_heading)
-            command[:plant_end] += law.heading.d * of_heading
-        command[plant_end:law_end] = law.c
+        command[:plant_end], command[plant_end:law_end] = law.d @ c, law.c
         on_its_way = np.eye(order)[law_end:]
         newer = on_its_way[whole_periods - 1] if whole_periods else command
         matrix = np.zeros((order, order))
         matrix[:plant_end] = np.outer(b_new, newer) + np.outer(b_old, on_its_way[whole_periods])
         matrix[:plant_end, :plant_end] += a
-        matrix[plant_end:law_end, :plant_end] = read
+        matrix[plant_end:law_end, :plant_end] = law.b @ c
         matrix[plant_end:law_end, plant_end:law_end] = law.a
         matrix[law_end] = command
         matrix[law_end + 1 :] = on_its_way[:-1]

@@ -14,9 +14,7 @@ error too):
                        outside of it are those of the open loop outside of it, less the turns of
                        1 + L around 0; none means that every mode decays faster than σ
 
-The matrices are those of ``controller.analysis.linear_system``. The law's are brought to Schur form
-first, after which one back substitution serves all z: a polynomial would lose the dozen poles near
-z = 1 in its coefficients, and a linear solve for each z would take longer.
+The matrices are those of ``controller.analysis.linear_system``.
 
 The count on a grid of points can miss an encirclement between two of them. It serves searches; the
 final result is confirmed with eigenvalues (``controller.analysis.sampled_loop``).
@@ -24,18 +22,11 @@ final result is confirmed with eigenvalues (``controller.analysis.sampled_loop``
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import matrix_balance, schur
 
-from ...controller.analysis.linear_system import (
-    heading_row,
-    held_plant,
-    law_system,
-    without_idle_states,
-)
+from ...controller.analysis.linear_system import held_plant, triangular_law
 from ...controller.analysis.loop_signals import HEADING_NOISE_1_M
 from ...controller.filters.transfer_function import Factor, TransferFunction
 from ...controller.laws.law_from_settings import LawDesign
@@ -43,70 +34,28 @@ from ...runtime.array_types import ComplexArray, FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 
 
-class TriangularLaw(NamedTuple):
-    """C (zI - A)⁻¹ B + D with A upper triangular, complex.
-
-    ``inputs``  B and D of the lateral error, then of the heading error if the law reads that
-    """
-
-    triangle: ComplexArray
-    inputs: tuple[tuple[ComplexArray, float], ...]
-    outputs: ComplexArray
-
-
-def law_response(design: LawDesign, z: ComplexArray) -> ComplexArray:
-    """Return the response of a linear law at each of ``z``, none of them a pole.
-
-    Shape (inputs, Z): to the lateral error, and to the heading error if the law reads that.
-    """
-    triangle, inputs, outputs = triangular(design)
-    responses = []
-    for b, d in inputs:
-        states = np.empty((len(b), len(z)), dtype=np.complex128)
-        for row in range(len(b) - 1, -1, -1):
-            later = triangle[row, row + 1 :] @ states[row + 1 :]
-            states[row] = (b[row] + later) / (z - triangle[row, row])
-        responses.append(outputs @ states + d)
-    return np.array(responses, dtype=np.complex128)
-
-
 def fed_back(plants: ComplexArray, law: ComplexArray) -> ComplexArray:
-    """Return P K of plants of shape (inputs, corners, delays, Z), summed over the law's inputs."""
-    looped: ComplexArray = plants[0] * law[0]
-    for plant, response in zip(plants[1:], law[1:], strict=False):
-        looped += plant * response
-    return looped
-
-
-@lru_cache(maxsize=1)
-def triangular(design: LawDesign) -> TriangularLaw:
-    """Return a law in Schur form; the newest is kept, as demand after demand asks for it."""
-    needed = without_idle_states(law_system(design))
-    # Balancing costs no rounding and saves two digits: the states differ by orders of magnitude.
-    balanced, (scale, _) = matrix_balance(needed.a, permute=False, separate=True)
-    triangle, basis = schur(balanced, output="complex")
-    inputs = [(needed.b, needed.d)]
-    if needed.heading is not None:
-        inputs.append((needed.heading.b, needed.heading.d))
-    turned = tuple((basis.conj().T @ (b / scale), d) for b, d in inputs)
-    return TriangularLaw(triangle, turned, (needed.c * scale) @ basis)
+    """Return P K of plants of shape (outputs, corners, delays, Z), summed over the law's inputs."""
+    return np.asarray((plants[: len(law)] * law[:, None, None]).sum(axis=0))
 
 
 def plant_responses(
-    model: TransferFunction, delays_ns: Sequence[int], period_ns: int, z: ComplexArray
+    models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, z: ComplexArray
 ) -> ComplexArray:
-    """Return the held plant's response at each of ``z`` for each delay, shape (2, delays, Z).
+    """Return the held plants' responses at each of ``z``, shape (2, corners, delays, Z).
 
     The first output is the lateral error, the second the heading error.
     """
-    outputs = held_plant(model, period_ns, 0).c, heading_row(model)
-    responses = np.empty((len(outputs), len(delays_ns), len(z)), dtype=np.complex128)
-    for of_output, output in zip(responses, outputs, strict=True):
-        row = _output_row(model, output, period_ns, z)
+    shape = 2, len(models), len(delays_ns), len(z)
+    responses = np.empty(shape, dtype=np.complex128)
+    for corner, model in enumerate(models):
+        a, _, _, c, _ = held_plant(model, period_ns, 0, 2)
+        # C (zI - A)⁻¹, in which the delay has no part
+        rows = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a.T, c.T + 0j).transpose(2, 0, 1)
         for index, delay_ns in enumerate(delays_ns):
-            plant = held_plant(model, period_ns, delay_ns)
-            newer_and_older = row @ plant.b_new + (row @ plant.b_old) / z
-            of_output[index] = newer_and_older * z ** float(-plant.whole_periods)
+            plant = held_plant(model, period_ns, delay_ns, 2)
+            newer_and_older = rows @ plant.b_new + (rows @ plant.b_old) / z
+            responses[:, corner, index] = newer_and_older * z ** float(-plant.whole_periods)
     return responses
 
 
@@ -116,16 +65,6 @@ def behind_lag(model: TransferFunction, lag_s: float) -> TransferFunction:
         return model
     one = Factor(0.0, 0.0, 1.0)
     return model.times(TransferFunction(0, (one,), (Factor(0.0, lag_s, 1.0),)))
-
-
-def _output_row(
-    model: TransferFunction, output: FloatArray, period_ns: int, z: ComplexArray
-) -> ComplexArray:
-    """Return C (zI - A)⁻¹ at each z, shape (Z, states); the delay has no part in it."""
-    plant = held_plant(model, period_ns, 0)
-    matrices = z[:, None, None] * np.eye(len(output)) - plant.a.T
-    rows = np.linalg.solve(matrices, output[:, None].astype(np.complex128))
-    return np.asarray(rows[:, :, 0], dtype=np.complex128)
 
 
 _OMEGA_RAD_S_MIN = 0.02
@@ -170,7 +109,9 @@ def stability_grid(
     z = radius * np.exp(1j * angle_rad)
     poles = [np.linalg.eigvals(held_plant(model, period_ns, 0).a) for model in models]
     outside = [int(np.count_nonzero(np.abs(each) > radius)) for each in poles]
-    return StabilityGrid(radius, z, _plants(models, delays_ns, period_ns, z), np.array(outside))
+    return StabilityGrid(
+        radius, z, plant_responses(models, delays_ns, period_ns, z), np.array(outside)
+    )
 
 
 def frequency_grid(
@@ -179,22 +120,22 @@ def frequency_grid(
     """Return the grid for sensitivity and noise gain."""
     angle_rad = _spread(math.pi, _OMEGA_RAD_S_MIN * period_ns / NS_PER_S, points)[1:]
     z = np.exp(1j * angle_rad)
-    return FrequencyGrid(angle_rad, z, _plants(models, delays_ns, period_ns, z))
+    return FrequencyGrid(angle_rad, z, plant_responses(models, delays_ns, period_ns, z))
 
 
 def slow_poles(grid: StabilityGrid, design: LawDesign) -> IntArray:
     """Return how many modes of each loop decay no faster than σ, shape (corners, delays)."""
-    distance = 1.0 - fed_back(grid.plants, law_response(design, grid.z))
+    distance = 1.0 - fed_back(grid.plants, triangular_law(design).response(grid.z))
     # From ω = 0 to π; the lower half of the circle adds as many turns again.
     turns = np.angle(distance[..., 1:] / distance[..., :-1]).sum(axis=-1) / math.pi
-    poles = np.abs(np.diagonal(triangular(design).triangle))
+    poles = np.abs(triangular_law(design).poles)
     open_loop = grid.poles_outside[:, None] + int(np.count_nonzero(poles > grid.radius))
     return np.asarray(open_loop - np.rint(turns), dtype=np.int64)
 
 
 def loop_figures(grid: FrequencyGrid, design: LawDesign) -> LoopFigures:
     """Return the figures of a law around every plant of the grid; meaningless if unstable."""
-    law = law_response(design, grid.z)
+    law = triangular_law(design).response(grid.z)
     sensitivity = sensitivity_size(grid, law)
     size = np.abs(law[0])
     if len(law) > 1:
@@ -224,13 +165,6 @@ def _peak(size: FloatArray) -> FloatArray:
     rounded = top - np.square(after - before) / (8.0 * bend)
     # At the ends of the axis the largest value need not be a peak.
     return np.where(top >= np.maximum(before, after), rounded, size.max(axis=-1))
-
-
-def _plants(
-    models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, z: ComplexArray
-) -> ComplexArray:
-    """Return the responses of all plants, shape (2, corners, delays, Z)."""
-    return np.stack([plant_responses(model, delays_ns, period_ns, z) for model in models], axis=1)
 
 
 def _spread(last: float, scale: float, points: int) -> FloatArray:

@@ -42,11 +42,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
+from ...controller.analysis.linear_system import triangular_law
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.law_from_settings import LawDesign
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from .loop_figures import fed_back, law_response, plant_responses
+from .loop_figures import fed_back, plant_responses
 
 _LATE_FACTOR = 1e-8
 """R^-M, the factor of what comes after the M ticks; rounding grows by at most its inverse."""
@@ -132,11 +133,10 @@ def tracking_grid(
     points = np.arange(transform // 2 + 1)
     z = np.exp(log_radius + 2j * math.pi * points / transform)
     growth = np.exp(log_radius * np.arange(ticks))
-    responses = [plant_responses(model, delays_ns, period_ns, z) for model in models]
     on_circle = rfft(unsteered / growth, transform)
     zeros = np.zeros_like(on_circle[0])
     added = zeros if added_rad is None else rfft(added_rad / growth, transform)
-    plants = np.stack(responses, axis=1)
+    plants = plant_responses(models, delays_ns, period_ns, z)
     offset_m = np.zeros_like(unsteered[0]) if offset_m is None else offset_m
     return TrackingGrid(
         *(period_ns, ticks, transform, growth, z, plants, on_circle, added),
@@ -176,7 +176,7 @@ def _errors_and_steers(
     grid: TrackingGrid, design: LawDesign
 ) -> Iterator[tuple[ComplexArray, ComplexArray]]:
     """Yield error and steer on the circle for path after path, shape (corners, delays, Z)."""
-    law = law_response(design, grid.z)
+    law = triangular_law(design).response(grid.z)
     sensitivity = 1.0 / (1.0 - fed_back(grid.plants, law))
     for *unsteered, added in zip(*grid.unsteered, grid.added, strict=True):
         if len(law) == 1:

@@ -134,8 +134,8 @@ def test_the_matrices_of_a_law_do_what_its_steps_do(law: str) -> None:
     for error_m in errors_m:
         state, output = design.step(design.params, state, LawInput(float(error_m), sent_rad))
         sent_rad = output.steer_rad
-        expected_rad = float(system.c @ x + system.d * error_m)
-        x = system.a @ x + system.b * error_m
+        expected_rad = float(system.c @ x + system.d[0] * error_m)
+        x = system.a @ x + system.b[:, 0] * error_m
         assert sent_rad == pytest.approx(expected_rad, rel=1e-9, abs=1e-9)
 
 

@@ -75,8 +75,10 @@ def test_the_matrices_of_a_smith_predictor_do_what_its_steps_do(delay_s: float) 
     for error_m in np.random.default_rng(7).normal(0.0, 0.1, 200):
         state, output = design.step(design.params, state, sent_history(sent_rad, float(error_m)))
         sent_rad.append(output.steer_rad)
-        assert output.steer_rad == pytest.approx(float(system.c @ x + system.d * error_m), abs=1e-9)
-        x = system.a @ x + system.b * error_m
+        assert output.steer_rad == pytest.approx(
+            float(system.c @ x + system.d[0] * error_m), abs=1e-9
+        )
+        x = system.a @ x + system.b[:, 0] * error_m
 
 
 FAST = (
