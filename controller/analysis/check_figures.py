@@ -31,7 +31,7 @@ from ..filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ..filters.settings import VehicleModelSettings
 from ..filters.transfer_function import TransferFunction
 from ..law_interface import LookingBack
-from ..laws.law_from_settings import LawDesign, design_law, vehicle_of
+from ..laws.law_from_settings import LawDesign, design_law, required
 from ..settings import ControllerSettings
 from . import jitter
 from .check_verdict import in_words
@@ -53,6 +53,9 @@ Progress = Callable[[str], None]
 """Called with what is computed next, in words."""
 
 
+Loop = SampledLoop | PeriodicLoop
+
+
 def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
     """Return the analysis of the loop around the nominal plant, and at the corners of [validity].
 
@@ -70,25 +73,35 @@ def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
         for vehicle in box.corners(model.vehicle):
             changed = {key: getattr(vehicle, key) for key in box.given()}
             progress(f"stable delays at {in_words(changed)}")
-            stable = stable_delays_of(loop_around(settings, vehicle, responses), limit_ns)
-            corners.append({"vehicle": changed, "stable_delays": _delays(stable, limit_ns)})
+            stable = _delays(loop_around(settings, vehicle, responses), limit_ns)
+            corners.append({"vehicle": changed, "stable_delays": stable})
     return figures | {"delay_max_s": delay_max_s, "corners": corners}
 
 
-Loop = SampledLoop | PeriodicLoop
-
-
-def loop_around(settings: ControllerSettings, vehicle: NominalVehicle, known: Responses) -> Loop:
-    """Return the loop of a law around another vehicle than its nominal one.
+def loop_around(
+    settings: ControllerSettings,
+    plant: NominalVehicle | TransferFunction,
+    known: Responses | None = None,
+) -> Loop:
+    """Return the loop of a law around a plant, its nominal one or another.
 
     Raises ValueError where the two periods have no common multiple.
     """
     design = _analysed_law(settings)
-    if design.looking_back is None:
-        return _loop_of(settings, design, vehicle, known)
-    return PeriodicLoop(
-        design, settings.loop_delay, LoopModel(vehicle, settings.estimator.actuator_lag_s), known
-    )
+    if design.looking_back is not None or _has_two_rates(settings):
+        return _periodic_loop(settings, plant, known)
+    model = steer_to_lateral_error(plant) if isinstance(plant, NominalVehicle) else plant
+    return SampledLoop(design, model, settings.period_ns)
+
+
+def _periodic_loop(
+    settings: ControllerSettings,
+    plant: NominalVehicle | TransferFunction,
+    known: Responses | None = None,
+) -> PeriodicLoop:
+    design = _analysed_law(settings)
+    lag_s = 0.0 if design.looking_back is None else settings.estimator.actuator_lag_s
+    return PeriodicLoop(design, settings.loop_delay, LoopModel(plant, lag_s), known)
 
 
 def loop_response(
@@ -117,20 +130,6 @@ def _analysed_law(settings: ControllerSettings) -> LawDesign:
     return design_law(settings.model_copy(update={"followed_point": "preview"}))
 
 
-def _loop_of(
-    settings: ControllerSettings,
-    design: LawDesign,
-    plant: NominalVehicle | TransferFunction,
-    responses: Responses | None = None,
-) -> Loop:
-    """Return the loop of a law that does not look back."""
-    model = steer_to_lateral_error(plant) if isinstance(plant, NominalVehicle) else plant
-    if not _has_two_rates(settings):
-        return SampledLoop(design, model, settings.period_ns)
-    loop_model = LoopModel(plant if design.heading_gain else model)
-    return PeriodicLoop(design, settings.loop_delay, loop_model, responses)
-
-
 def stable_delays_of(loop: Loop, limit_ns: int) -> tuple[Interval, ...]:
     """Return the stable delays of either loop."""
     if isinstance(loop, SampledLoop):
@@ -143,14 +142,6 @@ def _has_two_rates(settings: ControllerSettings) -> bool:
     return settings.period_ns % settings.loop_delay.sensor_period_ns != 0
 
 
-def _delay_ns_max(settings: ControllerSettings, design: LawDesign) -> int:
-    if design.looking_back is not None:
-        return min(DELAY_NS_MAX, FILTER_PERIODS_MAX * settings.period_ns)
-    if _has_two_rates(settings):
-        return min(DELAY_NS_MAX, TWO_RATES_PERIODS_MAX * settings.period_ns)
-    return DELAY_NS_MAX
-
-
 def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figures:
     figures: Figures = {
         "law": settings.law,
@@ -158,39 +149,37 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
         "period_s": settings.period_ns / NS_PER_S,
         "not_analysed": "",
     }
-    design = _analysed_law(settings)
-    if design.looking_back is not None:
-        lag_s = settings.estimator.actuator_lag_s
-        loop_model = LoopModel(vehicle_of(settings).vehicle, lag_s)
-        return figures | _looking_back(settings, design, design.looking_back, loop_model, progress)
-    try:
-        law = law_system(design)
-    except NotLinearError as error:
-        return figures | {"not_analysed": f"{error}"}
-    figures["law_poles"] = _poles(np.linalg.eigvals(law.a).astype(np.complex128), settings)
-    if settings.model is None:
+    design, model = _analysed_law(settings), settings.model
+    looking_back = design.looking_back
+    if looking_back is None:
+        try:
+            law = law_system(design)
+        except NotLinearError as error:
+            return figures | {"not_analysed": f"{error}"}
+        poles = np.linalg.eigvals(law.a).astype(np.complex128)
+        figures["law_poles"] = _poles(poles, settings.period_ns)
+        if _has_two_rates(settings):
+            looking_back = _two_rates(settings)
+    if model is None:
         return figures
-    if design.heading_gain and not settings.model.heading:
+    if design.heading_gain and not model.heading:
         needed = "a law that reads the heading error needs nominal_model.kind = 'vehicle'"
         return figures | {"not_analysed": needed}
-    if _has_two_rates(settings):
-        loop_model = LoopModel(
-            vehicle_of(settings).vehicle if design.heading_gain else settings.model
-        )
-        return figures | _looking_back(settings, design, _two_rates(settings), loop_model, progress)
-    loop = SampledLoop(design, settings.model, settings.period_ns)
+    if looking_back is not None:
+        return figures | _looking_back(settings, looking_back, progress)
+    loop = SampledLoop(design, model, settings.period_ns)
     progress("poles and margins")
     decay_1_s = loop.decay_1_s(0)
     figures |= {
-        "closed_loop_poles": _poles(loop.closed_loop_poles(0), settings),
+        "closed_loop_poles": _poles(loop.closed_loop_poles(0), loop.period_ns),
         "decay_1_s": decay_1_s,
         "margins": loop.margins(0)._asdict() if decay_1_s > SLOWEST_DECAY_1_S else None,
     }
     progress("stable delays")
-    stable = stable_delays(loop)
-    means_ms = jitter.MEANS_MS if stable else ()
+    stable = _delays(loop)
+    means_ms = jitter.MEANS_MS if stable["intervals_s"] else ()
     return figures | {
-        "stable_delays": _delays(stable),
+        "stable_delays": stable,
         "jitter": [_jitter(loop, mean_ms, progress) for mean_ms in means_ms],
         "fallback": None,
     }
@@ -211,37 +200,28 @@ def _two_rates(settings: ControllerSettings) -> LookingBack:
     )
 
 
-def _looking_back(
-    settings: ControllerSettings,
-    design: LawDesign,
-    law: LookingBack,
-    loop_model: LoopModel,
-    progress: Progress,
-) -> Figures:
+def _looking_back(settings: ControllerSettings, law: LookingBack, progress: Progress) -> Figures:
     figures: Figures = {"opening": law.opening, "closing": law.closing, "fallback": None}
-    limit_ns = _delay_ns_max(settings, design)
+    model = settings.nominal_model
+    plant = model.vehicle if isinstance(model, VehicleModelSettings) else required(settings.model)
     try:
-        if law.fallback is not None and settings.model is not None:
+        if law.fallback is not None:
             name, when = law.fallback
             progress(f"stable delays of {name}")
-            fallback = design_law(settings.model_copy(update={"law": name}))
-            fallback_ns = _delay_ns_max(settings, fallback)
-            stable = stable_delays_of(_loop_of(settings, fallback, settings.model), fallback_ns)
-            delays = _delays(stable, fallback_ns)
+            delays = _delays(loop_around(settings.model_copy(update={"law": name}), plant))
             figures["fallback"] = {"law": name, "when": when, "stable_delays": delays}
-        loop = PeriodicLoop(design, settings.loop_delay, loop_model)
+        loop = _periodic_loop(settings, plant)
     except ValueError as error:
         return figures | {"opening": (), "closing": (), "not_analysed": f"{error}"}
     progress("poles and sensitivity")
     longest_ns = FILTER_PERIODS_MAX * settings.period_ns
     shown_ns = [ms * NS_PER_MS for ms in SHOWN_DELAYS_MS if ms * NS_PER_MS <= longest_ns]
     figures |= {
-        "closed_loop_poles": _poles(loop.closed_loop_poles(0), settings, loop.period_ns),
+        "closed_loop_poles": _poles(loop.closed_loop_poles(0), loop.period_ns),
         "delays": [_at_delay(loop, delay_ns) for delay_ns in shown_ns],
     }
     progress("stable delays")
-    stable = stable_constant_delays(loop, limit_ns)
-    return figures | {"stable_delays": _delays(stable, limit_ns)}
+    return figures | {"stable_delays": _delays(loop)}
 
 
 def _at_delay(loop: PeriodicLoop, delay_ns: int) -> Figures:
@@ -255,11 +235,8 @@ def _at_delay(loop: PeriodicLoop, delay_ns: int) -> Figures:
     }
 
 
-def _poles(
-    poles: ComplexArray, settings: ControllerSettings, period_ns: int | None = None
-) -> list[Figures]:
+def _poles(poles: ComplexArray, period_ns: int) -> list[Figures]:
     """Return poles, slowest first, a conjugate pair as one."""
-    period_ns = period_ns or settings.period_ns
     ordered = sorted(poles, key=lambda pole: (-abs(pole), -pole.real))
     return [
         {
@@ -274,7 +251,14 @@ def _poles(
     ]
 
 
-def _delays(stable: tuple[Interval, ...], limit_ns: int = DELAY_NS_MAX) -> Figures:
+def _delays(loop: Loop, limit_ns: int | None = None) -> Figures:
+    """Return the stable delays up to a limit, by default as far as takes seconds."""
+    if limit_ns is None:
+        limit_ns = DELAY_NS_MAX
+        if isinstance(loop, PeriodicLoop):
+            periods = FILTER_PERIODS_MAX if loop.looks_back else TWO_RATES_PERIODS_MAX
+            limit_ns = min(limit_ns, periods * loop.control_period_ns)
+    stable = stable_delays_of(loop, limit_ns)
     margin_ns = delay_margin_ns(stable, limit_ns)
     return {
         "margin_s": None if margin_ns is None else margin_ns / NS_PER_S,

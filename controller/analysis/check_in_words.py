@@ -47,29 +47,43 @@ def _unused(settings: ControllerSettings) -> list[str]:
 
 
 def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
-    if "opening" in figures:
-        yield from _looking_back(figures)
-        yield from _corners(figures["corners"])
-        return
-    if settings.feed_forward is not None:
+    looks_back = "opening" in figures
+    if settings.feed_forward is not None and not looks_back:
         yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
         yield ""
-    if settings.followed_point != "preview":
+    if settings.followed_point != "preview" and not looks_back:
         yield "The set point of the followed point is outside the loop: it changes none of it."
         yield ""
     if figures["not_analysed"]:
         yield from wrap(f"Not analysed: {figures['not_analysed']}.", _WIDTH)
-        return
-    yield "Poles of the law alone:"
-    yield from _poles(figures["law_poles"])
-    yield ""
-    if "closed_loop_poles" not in figures:
+    elif looks_back:
+        yield from figures["opening"]
+        yield ""
+    else:
+        yield "Poles of the law alone:"
+        yield from _poles(figures["law_poles"])
+        yield ""
+    if "closed_loop_poles" in figures:
+        yield from _closed_loop(figures)
+    elif not figures["not_analysed"]:
         yield "There is no [nominal_model], hence no closed loop to analyse."
-        return
+    if looks_back:
+        yield ""
+        yield from _fallback(figures["fallback"])
+        yield from figures["closing"]
+        yield "Latency that varies is for simulation: steer-by-wire study."
+    yield from _corners(figures["corners"])
+
+
+def _closed_loop(figures: Figures) -> Iterator[str]:
     yield "Poles of the closed loop around the nominal plant, without delay:"
     yield from _poles(figures["closed_loop_poles"])
     yield ""
-    if figures["margins"] is None:
+    if "delays" in figures:
+        yield "Sensitivity, and steer for noise, per metre of it in the lateral error:"
+        for at in figures["delays"]:
+            yield f"  {_PER_MS * at['delay_s']:>3.0f} ms   {_noise_and_sensitivity(at)}"
+    elif figures["margins"] is None:
         yield "NOT STABLE, even without delay:"
         yield f"  its slowest mode {_decay_in_words(figures['decay_1_s'])}"
     else:
@@ -78,14 +92,13 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
     yield ""
     yield "Constant delay between command and wheel angle:"
     yield from _delays(figures["stable_delays"])
-    if figures["jitter"]:
+    if figures.get("jitter"):
         yield ""
         yield (
             "A new latency for each command (gamma, newest wins,"
             f" {100.0 * figures['jitter'][0]['loss']:g} % lost), standard deviation:"
         )
         yield from _jitter(figures["jitter"])
-    yield from _corners(figures["corners"])
 
 
 def _corners(corners: Sequence[Figures]) -> Iterator[str]:
@@ -97,30 +110,12 @@ def _corners(corners: Sequence[Figures]) -> Iterator[str]:
         yield f"  {_margin(corner['stable_delays']):>14}  {in_words(corner['vehicle'])}"
 
 
-def _looking_back(figures: Figures) -> Iterator[str]:
-    if figures["not_analysed"]:
-        yield from wrap(f"Not analysed: {figures['not_analysed']}.", _WIDTH)
-    else:
-        yield from figures["opening"]
-        yield ""
-        yield "Poles of the closed loop around the nominal plant, without delay:"
-        yield from _poles(figures["closed_loop_poles"])
-        yield ""
-        yield "Sensitivity, and steer for noise, per metre of it in the lateral error:"
-        for at in figures["delays"]:
-            yield f"  {_PER_MS * at['delay_s']:>3.0f} ms   {_noise_and_sensitivity(at)}"
-        yield ""
-        yield "Constant delay between command and wheel angle:"
-        yield from _delays(figures["stable_delays"])
-    yield ""
-    fallback = figures["fallback"]
+def _fallback(fallback: Figures | None) -> Iterator[str]:
     if fallback is not None:
         yield f"{fallback['when']}, the law is {fallback['law']}, with a"
         yield from _delays(fallback["stable_delays"])
         yield "around the nominal plant. A heavier or a faster vehicle tolerates less delay; --law"
         yield f"{fallback['law']} --check analyses it."
-    yield from figures["closing"]
-    yield "Latency that varies is for simulation: steer-by-wire study."
 
 
 def _noise_and_sensitivity(at: Figures) -> str:

@@ -77,22 +77,16 @@ class PeriodicLoop:
         speed_m_s = loop_model.speed_m_s
         self._params = design.params if design.params_at is None else design.params_at(speed_m_s)
         sensors_ns = loop_delay.sensor_period_ns * max(loop_delay.yaw_rate_samples, 1)
+        self.control_period_ns = loop_delay.period_ns
         self.period_ns = math.lcm(loop_delay.period_ns, sensors_ns)
-        if (
-            max(
-                self.period_ns // loop_delay.period_ns,
-                self.period_ns // loop_delay.sensor_period_ns,
-            )
-            > _TICKS_MAX
-        ):
+        if self.period_ns > _TICKS_MAX * min(loop_delay.period_ns, loop_delay.sensor_period_ns):
             raise ValueError(
                 f"control every {loop_delay.period_ns} ns and measurements every"
                 f" {loop_delay.sensor_period_ns} ns have no common multiple within {_TICKS_MAX}"
                 " periods: choose rate_hz and link.sensor_period_ms that have one"
             )
-        self._commands_read = None
-        if design.looking_back is None:
-            self._commands_read = max(design.commands_read or 0, 1)
+        self.looks_back = design.looking_back is not None
+        self._commands_read = None if self.looks_back else max(design.commands_read or 0, 1)
         self._plant = continuous_model(loop_model)
         self._responses: Responses = {} if responses is None else responses
         self._last: tuple[int, LoopMatrices] | None = None

@@ -12,7 +12,7 @@ judged by the argument principle (``growing_modes``). It agrees with the eigenva
 ``SampledLoop``, but its cost does not grow with the number of commands in transit.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import groupby, pairwise
 from operator import itemgetter
 from typing import NamedTuple
@@ -81,3 +81,9 @@ def delay_margin_ns(
     if not intervals or intervals[0].first_ns > 0:
         return 0
     return None if intervals[0].last_ns >= delay_ns_max else intervals[0].last_ns
+
+
+def least_margin_ns(loops: Iterable[SampledLoop], delay_ns_max: int = DELAY_NS_MAX) -> int:
+    """Return the delay up to which every loop is stable [ns], at most the limit of the search."""
+    margins = (delay_margin_ns(stable_delays(loop, delay_ns_max), delay_ns_max) for loop in loops)
+    return min(delay_ns_max if margin_ns is None else margin_ns for margin_ns in margins)

@@ -15,7 +15,7 @@ from .search.parameter_search import Found, find
 from .specification import Specification
 from .tracking import rms_m
 from .vehicle_file import VehicleFile
-from .virtual_check import drive, jittered, plants
+from .virtual_check import constant, drive, jittered, plants
 
 _MEANINGS = {
     "settling": "a mode slower than sigma",
@@ -109,6 +109,32 @@ def rms_by_delay(study: Study, settings: ControllerSettings, found: Found) -> Rm
     delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
     grid = course_grid(spec, study.vehicle, delays_ns)
     return RmsByDelay(delays_ns, rms_m(grid, design_law(settings)).max(axis=0))
+
+
+def verify(spec: Specification, vehicle: VehicleFile, design: Design) -> tuple[bool, str]:
+    """Run the range of delays at all corners and on all paths; returns whether it held, and a line.
+
+    The line has the largest RMS, the delay at which it was, the largest steer, and the largest
+    difference of an RMS to that of the linear analysis.
+    """
+    asked = plants(spec, vehicle, map(constant, spec.delays_ns))
+    driven = [drive(spec, plant, design.preset) for plant in asked]
+    shape = (len(spec.course.paths), len(vehicle.box.vertices()), len(spec.delays_ns))
+    rms_m = np.array([run.rms_m for run in driven]).reshape(shape).max(axis=0)
+    columns = [design.rms.delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]
+    deviation = float(np.abs(rms_m / design.rms.rms_m[:, columns] - 1.0).max())
+    worst_m, steer_rad = float(rms_m.max()), max(run.steer_rad for run in driven)
+    largest_m = spec.rms_m_max_of(design.law)
+    held = largest_m is None or worst_m <= largest_m
+    held = held and steer_rad < spec.limits.steer_rad_max
+    limit = "" if largest_m is None else f", at most {largest_m:g} m"
+    delay_ms = spec.delays_ns[int(rms_m.max(axis=0).argmax())] // NS_PER_MS
+    return held, (
+        f"  virtual time      {len(driven)} runs: RMS at most {worst_m:.4g} m"
+        f" (at {delay_ms} ms{limit}), steer at most {steer_rad:.3g} rad;"
+        f" within {100.0 * deviation:.2g} % of the linear analysis:"
+        f" {'held' if held else 'NOT HELD'}"
+    )
 
 
 def _held_up_to_ns(by_delay: RmsByDelay, largest_m: float | None) -> int | None:

@@ -8,7 +8,7 @@ counters. The evolution strategy is the same as for the other laws.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from typing import NamedTuple
@@ -16,12 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from ...closed_loop.compiled.engine import Outcome, rms_of, run_compiled
-from ...closed_loop.compiled.schedule import RunSchedule, schedule_run
+from ...closed_loop.compiled.schedule import schedule_run
 from ...controller.analysis.loop_signals import LoopModel
 from ...controller.analysis.periodic_loop import PeriodicLoop, Responses, linear
 from ...controller.analysis.sampled_loop import SampledLoop
-from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
+from ...controller.analysis.stable_delays import least_margin_ns
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.history.echo_delay import LinkSettings
 from ...controller.laws.law_from_settings import design_law
@@ -30,7 +29,6 @@ from ...controller.prediction.gains_over_speed import EstimatorSettings
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import LatencySettings
-from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.settings import ActuatorSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
@@ -39,7 +37,7 @@ from .search.evolution import Check, Search, SearchStoppedError, Values
 from .search.law_parameters import validity
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
-from .virtual_check import constant, jittered, plant_settings
+from .virtual_check import Driven, constant, drive, jittered, plant_settings
 
 LEFT_M = 1e3
 """Error of a run that leaves the range of the sensor [m]."""
@@ -74,49 +72,30 @@ class Task(NamedTuple):
         return self.vehicle.box.grid(self.table.values_per_range)
 
 
-class Run(NamedTuple):
-    """The car's deviation in a run: RMS, RMS without the first seconds, and largest."""
-
-    rms_m: float
-    settled_rms_m: float
-    largest_m: float
-
-
 def runs(
     task: Task,
     settings: ControllerSettings,
-    latencies: Sequence[LatencySettings],
+    latency: LatencySettings,
     lag_s: float = 0.0,
     seed: int = 1,
-) -> list[list[Run]]:
-    """Return the runs of each latency: every path and vehicle."""
+) -> list[Driven]:
+    """Return the run of every path and vehicle with a latency of the commands."""
     course = task.spec.course
-
-    def of_latency(latency: LatencySettings) -> list[Run]:
-        plants = [
-            plant_settings(
-                settings.period_ns, vehicle, path, course.duration_s, latency,
-                seed=seed, actuator=ActuatorSettings(lag_s=lag_s),
-            )
-            for path, vehicle in product(course.paths, task.vehicles)
-        ]  # fmt: skip
-        plan = schedule_run(plants[0], settings)
-        return list(
-            task.pool.map(lambda plant: _run(plant, settings, plan, task.spec.ignore_s), plants)
+    plants = [
+        plant_settings(
+            settings.period_ns, vehicle, path, course.duration_s, latency,
+            seed=seed, actuator=ActuatorSettings(lag_s=lag_s),
         )
+        for path, vehicle in product(course.paths, task.vehicles)
+    ]  # fmt: skip
+    plan = schedule_run(plants[0], settings)
+    return list(task.pool.map(lambda plant: drive(task.spec, plant, settings, plan), plants))
 
-    return [of_latency(latency) for latency in latencies]
 
-
-def _run(
-    plant: PlantSettings, settings: ControllerSettings, plan: RunSchedule, ignore_s: float
-) -> Run:
-    run = run_compiled(plant, settings, plan)
-    if run.outcome is not Outcome.COMPLETE:
-        return Run(LEFT_M, LEFT_M, LEFT_M)
-    off_m = run.cg_deviation_m
-    settled_m = off_m[run.time_s >= ignore_s]
-    return Run(rms_of(off_m), rms_of(settled_m), float(np.max(np.abs(off_m))))
+def worst_m(done: Iterable[Driven], figure: str = "rms_m") -> float:
+    """Return the largest of a figure of runs [m]."""
+    largest_m: float = max(getattr(run, figure) for run in done)
+    return min(LEFT_M, largest_m)
 
 
 def largest_error_m(task: Task, settings: ControllerSettings, met: ConditionsTable) -> float:
@@ -132,10 +111,8 @@ def largest_error_m(task: Task, settings: ControllerSettings, met: ConditionsTab
         order=met.order,
     )
     seeds = range(1, task.table.seeds + 1 if random or met.loss > 0.0 else 2)
-    done = (
-        runs(task, settings, [latency], lag_s=1e-3 * met.lag_ms, seed=seed)[0] for seed in seeds
-    )
-    return max(run.largest_m for of_seed in done for run in of_seed)
+    lag_s = 1e-3 * met.lag_ms
+    return max(worst_m(runs(task, settings, latency, lag_s, seed), "largest_m") for seed in seeds)
 
 
 class LinearFigures(NamedTuple):
@@ -263,18 +240,17 @@ def design_values(settings: ControllerSettings) -> Values:
 def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDesign:
     """Return the figures of a predictor."""
     spec, delays_ns = task.spec, task.table.delays_ns
-    columns = runs(task, settings, [constant(delay_ns) for delay_ns in delays_ns])
-    jitters = runs(task, settings, [jittered(one) for one in spec.jitter])
+    columns = [runs(task, settings, constant(delay_ns)) for delay_ns in delays_ns]
     return PredictorDesign(
         settings,
         {},
         0,
         len(task.vehicles),
         delays_ns,
-        np.array([max(run.rms_m for run in column) for column in columns]),
-        np.array([max(run.settled_rms_m for run in column) for column in columns]),
+        np.array([worst_m(column, "whole_rms_m") for column in columns]),
+        np.array([worst_m(column) for column in columns]),
         *linear_figures(task, settings, delays_ns),
-        tuple(max(run.settled_rms_m for run in column) for column in jitters),
+        tuple(worst_m(runs(task, settings, jittered(one))) for one in spec.jitter),
         tuple(largest_error_m(task, settings, met) for met in task.table.conditions),
         _fallback_up_to_ns(task.vehicle, settings),
     )
@@ -284,18 +260,18 @@ def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> in
     """Return up to which constant delay the pd_ddob is stable at every corner."""
     alone = {"law": FALLBACK, "followed_point": "preview"}
     design = design_law(settings.model_copy(update=alone))
-    loops = (SampledLoop(design, model, settings.period_ns) for model in vehicle.models)
-    margins = (delay_margin_ns(stable_delays(loop)) for loop in loops)
-    return min(DELAY_NS_MAX if margin is None else margin for margin in margins)
+    return least_margin_ns(
+        SampledLoop(design, model, settings.period_ns) for model in vehicle.models
+    )
 
 
 def _cost(task: Task, settings: ControllerSettings) -> float:
     """Return the worst RMS at both ends of the delays and half-way; more for what is exceeded."""
     last_ns = task.table.delays_ns[-1]
-    columns = runs(task, settings, [constant(delay) for delay in (0, last_ns // 2, last_ns)])
-    worst_m = max(run.settled_rms_m for column in columns for run in column)
+    delays_ns = (0, last_ns // 2, last_ns)
+    rms_m = max(worst_m(runs(task, settings, constant(delay_ns))) for delay_ns in delays_ns)
     exceeded = (share for share in _shares(task, settings) if share > 1.0)
-    return max(worst_m, LEFT_M * next(exceeded, 0.0))
+    return max(rms_m, LEFT_M * next(exceeded, 0.0))
 
 
 def _shares(task: Task, settings: ControllerSettings) -> Iterator[float]:

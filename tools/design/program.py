@@ -21,16 +21,12 @@ from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand
 from .frontier.frontier import run_frontier
 from .frontier.settings import FrontierSettings
+from .law_design import verify
 from .law_files import PREDICTOR, Job, Outcome, run_job
 from .search.law_parameters import KEYS
 from .specification import Specification
 from .vehicle_file import VehicleFile
-from .virtual_check import (
-    course_line,
-    plant_text,
-    refuse_what_the_plant_does_not_drive,
-    verify,
-)
+from .virtual_check import course_line, plant_text, refuse_what_the_plant_does_not_drive
 
 NAME = "steer-by-wire design"
 NO_DESIGN = 1

@@ -7,12 +7,13 @@ compiled, which gives the numbers of the nodes in virtual time.
 import math
 from collections.abc import Iterable
 from itertools import product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
 from ...closed_loop.compiled.engine import Outcome, rms_of, run_compiled
+from ...closed_loop.compiled.schedule import RunSchedule
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
@@ -28,25 +29,34 @@ from ...runtime.settings.toml_text import dump_toml
 from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile
 
-if TYPE_CHECKING:
-    from .law_design import Design
-
 
 class Driven(NamedTuple):
-    """RMS of the car's deviation [m] and largest steer [rad]; infinite if a run has no end."""
+    """The car's deviation in a run and its largest steer [rad]; infinite if the run has no end.
 
-    rms_m: float
-    steer_rad: float
+    ``rms_m``      from the specification's ``ignore_s`` on
+    ``largest_m``  from the start, as ``whole_rms_m``
+    """
+
+    rms_m: float = math.inf
+    whole_rms_m: float = math.inf
+    largest_m: float = math.inf
+    steer_rad: float = math.inf
 
 
-def drive(spec: Specification, plant: PlantSettings, settings: ControllerSettings) -> Driven:
-    """Run both nodes on a wire that takes no time; the RMS is that from ``ignore_s`` on."""
-    run = run_compiled(plant, settings)
+def drive(
+    spec: Specification,
+    plant: PlantSettings,
+    settings: ControllerSettings,
+    plan: RunSchedule | None = None,
+) -> Driven:
+    """Run both nodes on a wire that takes no time; ``plan`` is that of the plant's latency."""
+    run = run_compiled(plant, settings, plan)
     if run.outcome is not Outcome.COMPLETE:
-        return Driven(math.inf, math.inf)
-    return Driven(
-        rms_of(run.cg_deviation_m[run.time_s >= spec.ignore_s]), float(np.abs(run.sent_rad).max())
-    )
+        return Driven()
+    off_m = run.cg_deviation_m
+    settled_m = rms_of(off_m[run.time_s >= spec.ignore_s])
+    largest = (float(np.abs(values).max()) for values in (off_m, run.sent_rad))
+    return Driven(settled_m, rms_of(off_m), *largest)
 
 
 def plant_settings(
@@ -137,29 +147,3 @@ def plants(
         plant_settings(spec.period_ns, corner, path, spec.course.duration_s, latency)
         for path, corner, latency in product(spec.course.paths, vehicle.box.vertices(), latencies)
     ]
-
-
-def verify(spec: Specification, vehicle: VehicleFile, design: "Design") -> tuple[bool, str]:
-    """Run the range of delays at all corners and on all paths; returns whether it held, and a line.
-
-    The line has the largest RMS, the delay at which it was, the largest steer, and the largest
-    difference of an RMS to that of the linear analysis.
-    """
-    asked = plants(spec, vehicle, map(constant, spec.delays_ns))
-    driven = [drive(spec, plant, design.preset) for plant in asked]
-    shape = (len(spec.course.paths), len(vehicle.box.vertices()), len(spec.delays_ns))
-    rms_m = np.array([run.rms_m for run in driven]).reshape(shape).max(axis=0)
-    columns = [design.rms.delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]
-    deviation = float(np.abs(rms_m / design.rms.rms_m[:, columns] - 1.0).max())
-    worst_m, steer_rad = float(rms_m.max()), max(run.steer_rad for run in driven)
-    largest_m = spec.rms_m_max_of(design.law)
-    held = largest_m is None or worst_m <= largest_m
-    held = held and steer_rad < spec.limits.steer_rad_max
-    limit = "" if largest_m is None else f", at most {largest_m:g} m"
-    delay_ms = spec.delays_ns[int(rms_m.max(axis=0).argmax())] // NS_PER_MS
-    return held, (
-        f"  virtual time      {len(driven)} runs: RMS at most {worst_m:.4g} m"
-        f" (at {delay_ms} ms{limit}), steer at most {steer_rad:.3g} rad;"
-        f" within {100.0 * deviation:.2g} % of the linear analysis:"
-        f" {'held' if held else 'NOT HELD'}"
-    )

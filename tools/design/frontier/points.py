@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from ....controller.analysis.sampled_loop import SampledLoop
-from ....controller.analysis.stable_delays import delay_margin_ns, stable_delays
+from ....controller.analysis.stable_delays import least_margin_ns
 from ....controller.filters.settings import QKind
 from ....controller.filters.transfer_function import TransferFunction
 from ....controller.laws.feed_forward import FeedForwardSettings
@@ -196,7 +196,4 @@ def predictor_points(panel: Panel) -> Iterator[Point]:
 def _margin_ms(settings: ControllerSettings, models: Sequence[TransferFunction]) -> float:
     """Return the shortest delay margin of these plants."""
     loops = [SampledLoop(design_law(settings), model, settings.period_ns) for model in models]
-    margins_ns = (
-        delay_margin_ns(stable_delays(loop, MARGIN_NS_MAX), MARGIN_NS_MAX) for loop in loops
-    )
-    return min(MARGIN_NS_MAX if ns is None else ns for ns in margins_ns) / NS_PER_MS
+    return least_margin_ns(loops, MARGIN_NS_MAX) / NS_PER_MS

@@ -10,6 +10,7 @@ import math
 from typing import NamedTuple
 
 from ....controller.analysis.sampled_loop import SampledLoop
+from ....controller.analysis.stable_delays import least_margin_ns
 from ....runtime.node import NS_PER_MS
 from ..demands import Judgement, Study, judge_law
 from ..loop_figures import behind_lag
@@ -34,7 +35,7 @@ _CONFIRMED_MAX = 60
 
 
 class Confirmation(NamedTuple):
-    """Stability of a law by eigenvalues.
+    """Stability of a law, exactly.
 
     ``decay_1_s``         of the slowest mode over all corners and delays of the range [1/s]
     ``failures``          how many loops do not do what is demanded of them
@@ -66,25 +67,15 @@ def confirm(study: Study, law: str, values: Values) -> Confirmation:
         failures += _failures(loops, beyond_ns)
     with_lag_ns = None
     if spec.actuator is not None:
-        lag_s = spec.actuator.lag_s
         lagged = [
-            SampledLoop(design, behind_lag(model, lag_s), spec.period_ns) for model in study.models
+            SampledLoop(design, behind_lag(model, spec.actuator.lag_s), spec.period_ns)
+            for model in study.models
         ]
         if "actuator lag" in study.stability:
             failures += _failures(lagged, spec.lag_delays_ns)
-        with_lag_ns = stable_up_to_ns(lagged, step_ns)
-    return Confirmation(min(decays), failures, stable_up_to_ns(loops, step_ns), with_lag_ns)
-
-
-def stable_up_to_ns(loops: list[SampledLoop], step_ns: int) -> int:
-    """Return the last delay of 0, step, 2 step, ... before the first that any loop fails at [ns].
-
-    -1 if one is unstable without delay.
-    """
-    for delay_ns in range(0, DELAY_NS_MAX + 1, step_ns):
-        if not all(loop.is_stable(delay_ns) for loop in loops):
-            return max(-1, delay_ns - step_ns)
-    return DELAY_NS_MAX
+        with_lag_ns = least_margin_ns(lagged, DELAY_NS_MAX) // step_ns * step_ns
+    stable_up_to_ns = least_margin_ns(loops, DELAY_NS_MAX) // step_ns * step_ns
+    return Confirmation(min(decays), failures, stable_up_to_ns, with_lag_ns)
 
 
 def _failures(loops: list[SampledLoop], delays_ns: tuple[int, ...]) -> int:
