@@ -1,7 +1,6 @@
 """The laws in closed loop with a vehicle of the test's own, and what each promises by itself."""
 
 import tomllib
-from functools import cache
 from importlib.resources import files
 from typing import Any, NamedTuple
 
@@ -17,7 +16,6 @@ from tests.support.loops.own_vehicle import transition
 
 PERIOD_S = 0.01
 STEER_RAD_MAX = 0.6
-CORNERS = ((4.0, 1600.0), (4.0, 5000.0), (7.0, 1600.0), (7.0, 5000.0))  # km/h, virtual mass [kg]
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
 PRESETS = [f"{family}_{law}" for family in ("paper", "practical") for law in LAWS]
 
@@ -37,18 +35,6 @@ def variant(name: str, **tables: Any) -> LawSettings:
     return ControllerSettings.model_validate(preset(name).model_dump() | tables)
 
 
-@cache
-def ellipse_curvature(speed_m_s: float, ticks: int) -> NDArray[np.float64]:
-    """Return the curvature in the middle of each period; semi-axes 60 and 30 m, from the major."""
-    angle = np.linspace(0.0, 8.0 * np.pi, 200_001)
-    stretch = np.hypot(60.0 * np.sin(angle), 30.0 * np.cos(angle))
-    steps = 0.5 * (stretch[1:] + stretch[:-1]) * np.diff(angle)
-    arc_m = np.concatenate([[0.0], np.cumsum(steps)])
-    middle_s = (np.arange(ticks) + 0.5) * PERIOD_S
-    curvature = np.interp(speed_m_s * middle_s, arc_m, 60.0 * 30.0 / stretch**3)
-    return np.asarray(curvature, dtype=np.float64)
-
-
 class Run(NamedTuple):
     lateral_error_m: NDArray[np.float64]
     steer_rad: NDArray[np.float64]
@@ -58,30 +44,21 @@ class Run(NamedTuple):
 def close_loop(
     settings: LawSettings,
     corner: tuple[float, float],
-    delay_ticks: int = 0,
-    duration_s: float = 60.0,
+    duration_s: float,
     start_m: float = 0.0,
     offset_rad: float = 0.0,
-    straight: bool = False,
-    vehicle: tuple[float, ...] = (),
 ) -> Run:
-    """Run a law at 100 Hz against the vehicle, every command applied ``delay_ticks`` late."""
-    design, ticks = design_law(settings), round(duration_s / PERIOD_S)
-    curvature = np.zeros(ticks) if straight else ellipse_curvature(corner[0] / 3.6, ticks)
-    step, phi, x = (
-        design.step,
-        transition(*corner, *vehicle),
-        np.array([0.0, 0.0, 0.0, start_m, 0.0, 0.0]),
-    )
-    state, steer = design.initial_state(start_m), 0.0
-    sent = [0.0] * delay_ticks
+    """Run a law at 100 Hz on a straight path, every command applied 80 ms late."""
+    design, phi = design_law(settings), transition(*corner)
+    x = np.array([0.0, 0.0, 0.0, start_m, 0.0, 0.0])
+    state, steer, sent = design.initial_state(start_m), 0.0, [0.0] * 8
     log = []
-    for k in range(ticks):
+    for k in range(round(duration_s / PERIOD_S)):
         lateral_error = float(x[3])
-        state, out = step(design.params, state, LawInput(lateral_error, steer))
+        state, out = design.step(design.params, state, LawInput(lateral_error, steer))
         steer = min(max(out.steer_rad, -STEER_RAD_MAX), STEER_RAD_MAX)
         sent.append(steer)
-        x[4], x[5] = sent[k] + offset_rad, curvature[k]
+        x[4] = sent[k] + offset_rad
         x[:4] = phi @ x
         log.append((lateral_error, steer, out.disturbance_rad))
     return Run(*np.array(log).T)
@@ -128,14 +105,7 @@ def test_ideal_pd_is_the_textbook_difference_equation() -> None:
 
 @pytest.mark.parametrize("law", ["pd_dob", "pd_ddob"])
 def test_the_dob_finds_a_steering_offset_and_takes_it_out(law: str) -> None:
-    run = close_loop(
-        preset(f"practical_{law}"),
-        (5.0, 2000.0),
-        8,
-        duration_s=30.0,
-        offset_rad=0.02,
-        straight=True,
-    )
+    run = close_loop(preset(f"practical_{law}"), (5.0, 2000.0), 30.0, offset_rad=0.02)
     assert run.disturbance_rad[-1] == pytest.approx(0.02, rel=1e-3)
     assert run.steer_rad[-1] == pytest.approx(-0.02, rel=1e-3)
     assert run.lateral_error_m[-1] == pytest.approx(0.0, abs=1e-5)
@@ -161,7 +131,7 @@ def test_the_cdob_shows_the_error_as_it_were_without_the_delay() -> None:
 
 
 def test_a_ddob_without_washout_survives_saturation() -> None:
-    """Fed with the demand before limits its CDOB would wind up and end 28 m off the path."""
+    """Fed with the demand before limits its CDOB would wind up and end 12 m off the path."""
     settings = variant(
         "practical_pd_ddob",
         pd={
@@ -172,7 +142,7 @@ def test_a_ddob_without_washout_survives_saturation() -> None:
         dob={"q_cutoff_rad_s": 2.0, "q_kind": "type_2"},
         cdob={"q_cutoff_rad_s": 20.0},
     )
-    run = close_loop(settings, (7.0, 5000.0), 8, start_m=3.0)
+    run = close_loop(settings, (7.0, 5000.0), 60.0, start_m=3.0)
     assert np.max(np.abs(run.steer_rad)) == STEER_RAD_MAX
     assert rms(run.lateral_error_m[3000:]) < 0.05
 

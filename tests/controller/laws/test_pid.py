@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from steer_by_wire import simulate
-from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.filters.settings import PdSettings
 from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LOOP_DELAY, LawInput
 from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
 from steer_by_wire.controller.laws.pid import PidSettings
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import controller_preset
-from tests.support.runs.compiled_runs import assert_same_as_nodes, plant_settings
 
 PERIOD_S = 0.01
 K_P, K_D, N_RAD_S, K_I = 1.2, 0.16, 12.0, 2.0
@@ -108,17 +106,6 @@ def test_it_reads_the_heading_error_only_where_that_has_a_gain() -> None:
         _, output = design.step(design.params, design.initial_state(0.1), observed)
         steers_rad.append(output.steer_rad)
     assert steers_rad[1] - steers_rad[0] == pytest.approx(-2.0 * 0.03)
-
-
-def test_with_a_heading_gain_a_compiled_run_equals_the_nodes() -> None:
-    noise = ("sensor_noise.heading_error_rad=0.002", "sensor_noise.lateral_error_m=0.02")
-    plant = plant_settings((*noise, "latency.downlink.mean_s=0.1", "latency.uplink.loss=0.1"), 4.0)
-    settings = controller_preset(
-        "practical_pid", ("followed_point=preview", "pid.heading_gain_rad_rad=0.5")
-    )
-    run = assert_same_as_nodes(plant, settings)
-    without = run_compiled(plant, controller_preset("practical_pid", ("followed_point=preview",)))
-    assert not np.array_equal(run.lateral_error_m, without.lateral_error_m)
 
 
 def test_its_gain_must_be_above_zero() -> None:

@@ -50,19 +50,14 @@ def test_a_slow_random_walk_settles() -> None:
     np.testing.assert_allclose(filter_gains(one, one, q, r)[0], p / (p + r), rtol=1e-9)
 
 
-def test_what_grows_and_cannot_be_steered_is_refused() -> None:
-    a, b = np.diag([1.2, 0.5]), np.array([[0.0], [1.0]])
+@pytest.mark.parametrize(
+    ("a", "b", "q"),
+    [
+        (np.diag([1.2, 0.5]), np.array([[0.0], [1.0]]), np.eye(2)),  # grows and cannot be steered
+        (np.diag([1.0, 0.5]), np.array([[0.0], [1.0]]), np.eye(2)),  # its cost grows, linearly
+        (np.array([[1.2]]), np.eye(1), np.zeros((1, 1))),  # grows and costs nothing
+    ],
+)
+def test_what_has_no_stabilising_solution_is_refused(a: Matrix, b: Matrix, q: Matrix) -> None:
     with pytest.raises(ValueError, match="no stabilising solution"):
-        feedback_gain(a, b, np.eye(2), np.eye(1))
-
-
-def test_a_walk_that_nothing_drives_and_nobody_sees_is_refused() -> None:
-    """Its covariance grows for ever, though only linearly."""
-    f, h = np.diag([1.0, 0.5]), np.array([[0.0, 1.0]])
-    with pytest.raises(ValueError, match="no stabilising solution"):
-        filter_gains(f, h, np.eye(2), np.eye(1))
-
-
-def test_what_grows_and_costs_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="no stabilising solution"):
-        feedback_gain(np.array([[1.2]]), np.eye(1), np.zeros((1, 1)), np.eye(1))
+        feedback_gain(a, b, q, np.eye(1))
