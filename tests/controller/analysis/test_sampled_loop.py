@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
+from steer_by_wire.controller.analysis.linear_system import held_plant
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import (
     RESOLUTION_NS,
@@ -18,8 +18,7 @@ from steer_by_wire.controller.filters.discretization import design_pd
 from steer_by_wire.controller.filters.nominal_model import paper_eq19
 from steer_by_wire.controller.filters.settings import PdSettings
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
-from steer_by_wire.controller.law_interface import LawInput
-from steer_by_wire.controller.laws import LAWS, PAPER_LAWS
+from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
 from steer_by_wire.controller.laws.settings import LawSettings
 from tests.support.loops.own_vehicle import VEHICLE
@@ -119,24 +118,6 @@ def test_a_plant_that_answers_before_the_hold_is_refused() -> None:
     lead = TransferFunction(0, (Factor(0.0, 1.0, 2.0),), (Factor(0.0, 1.0, 1.0),))
     with pytest.raises(ValueError, match="strictly proper"):
         held_plant(lead, PERIOD_NS, 0)
-
-
-# The matrices are those of the law that runs and of the plant behind the hold
-
-
-@pytest.mark.parametrize("law", PAPER_LAWS)
-def test_the_matrices_of_a_law_do_what_its_steps_do(law: str) -> None:
-    design = design_law(observer_settings(law))
-    system = law_system(design)
-    errors_m = np.random.default_rng(7).normal(0.0, 0.1, 300)
-    state, sent_rad = design.initial_state(0.0), 0.0
-    x = np.zeros(len(system.b))
-    for error_m in errors_m:
-        state, output = design.step(design.params, state, LawInput(float(error_m), sent_rad))
-        sent_rad = output.steer_rad
-        expected_rad = float(system.c @ x + system.d[0] * error_m)
-        x = system.a @ x + system.b[:, 0] * error_m
-        assert sent_rad == pytest.approx(expected_rad, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("delay_ms", [0, 4, 80])

@@ -56,18 +56,6 @@ def test_the_closed_form_equals_the_state_space(vehicle: NominalVehicle) -> None
     np.testing.assert_allclose(vehicle_model(vehicle).response(s), expected, rtol=1e-6)
 
 
-@given(vehicles())
-def test_steady_lateral_acceleration_has_the_textbook_understeer_gain(
-    vehicle: NominalVehicle,
-) -> None:
-    m, _, c_f, c_r, l_f, l_r, _, v = vehicle
-    wheelbase = l_f + l_r
-    understeer = m * (l_r * c_r - l_f * c_f) / (wheelbase * c_f * c_r)
-    model = vehicle_model(vehicle)
-    gain = model.numerator[0].s0 / model.denominator[0].s0
-    assert gain == pytest.approx(v**2 / (wheelbase + understeer * v**2), rel=1e-9)
-
-
 def test_an_unstable_nominal_vehicle_is_refused() -> None:
     assert vehicle_model(OVERSTEERING).denominator[0].hurwitz
     with pytest.raises(ValueError, match="unstable"):

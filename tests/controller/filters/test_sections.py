@@ -28,14 +28,6 @@ def stable_sections(draw: st.DrawFn) -> Section:
     return b0, b1, b2, -(first + second), first * second
 
 
-def test_a_section_worked_by_hand() -> None:
-    p = (1.0, 2.0, 3.0, -0.5, 0.25)
-    x, first = section_step(p, AT_ZERO, 1.0)
-    x, second = section_step(p, x, 0.0)
-    x, third = section_step(p, x, 0.0)
-    assert (first, second, third) == (1.0, 2.5, 3.0 + 0.5 * 2.5 - 0.25 * 1.0)
-
-
 @given(st.tuples(stable_sections(), stable_sections(), stable_sections()), inputs)
 def test_cascades_are_the_filters_in_series(
     sections: tuple[Section, Section, Section], samples: list[float]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.analysis.linear_system import law_system
 from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LOOP_DELAY, LawInput
+from steer_by_wire.controller.laws import PAPER_LAWS
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.loops.own_vehicle import transition
@@ -65,10 +66,15 @@ def test_with_a_wrong_delay_it_shows_what_the_vehicle_does_in_between(model_dela
     assert 0.05 * largest_m < np.abs(shown_m - undelayed_m).max() < 0.1 * largest_m
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.004, 0.0372, 0.16])
-def test_the_matrices_of_a_smith_predictor_do_what_its_steps_do(delay_s: float) -> None:
-    settings = preset("practical_smith", (f"smith.delay_s={delay_s}",))
-    design = design_law(settings)
+@pytest.mark.parametrize(
+    ("law", "overrides"),
+    [
+        *((law, ("followed_point=preview",)) for law in PAPER_LAWS),
+        *(("smith", (f"smith.delay_s={delay_s}",)) for delay_s in (0.0, 0.004, 0.0372, 0.16)),
+    ],
+)
+def test_the_matrices_of_a_law_do_what_its_steps_do(law: str, overrides: tuple[str, ...]) -> None:
+    design = design_law(preset(f"practical_{law}", overrides))
     system = law_system(design)
     state, x = design.initial_state(0.0), np.zeros(len(system.b))
     sent_rad: list[float] = []

@@ -1,11 +1,9 @@
-"""The measured virtual mass: against filterpy, against the truth, and in the laws."""
+"""The measured virtual mass: against the truth, and in the laws."""
 
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 
 from steer_by_wire.closed_loop.compiled.engine import CompiledRun, run_compiled
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
@@ -14,9 +12,7 @@ from steer_by_wire.controller.laws.predictor import PredictorParams, design_pred
 from steer_by_wire.controller.prediction.mass_filter import (
     AS_SET,
     MASS_RATIOS,
-    NOISE_RAD2_S2,
     VARIANCES_MAX,
-    WALKS,
     MassState,
     mass_as_set,
     mass_to,
@@ -80,28 +76,6 @@ def measured(run: CompiledRun, noise_rad_s: float = 0.0) -> list[MassState]:
         )
         states.append(x)
     return states
-
-
-def test_the_filter_is_filterpys() -> None:
-    run = driven(5000.0)
-    states = measured(run)
-    reference = KalmanFilter(dim_x=2, dim_z=1)
-    reference.F, reference.Q = np.eye(2), np.diag(WALKS)
-    reference.R, reference.P = np.array([[NOISE_RAD2_S2]]), np.diag(VARIANCES_MAX)
-    reference.x = np.array([[mass_as_set(params().measured.mass_ends).share], [0.0]])
-    for before, after in pairwise(states):
-        reference.predict()
-        most = np.array(VARIANCES_MAX)
-        np.fill_diagonal(reference.P, np.minimum(np.diagonal(reference.P), most))
-        if after.yaw_rate_rad_s != before.yaw_rate_rad_s:
-            row = np.array([[after.heavy_r_rad_s - after.light_r_rad_s, 1.0]])
-            reference.update(np.array([[after.yaw_rate_rad_s - after.light_r_rad_s]]), H=row)
-    x = states[-1]
-    assert [x.share, x.bias_rad_s] == pytest.approx(reference.x[:, 0].tolist(), abs=1e-9)
-    variances = [x.variance_ww, x.variance_wb, x.variance_bb]
-    expected = [reference.P[0, 0], reference.P[0, 1], reference.P[1, 1]]
-    assert variances == pytest.approx(expected, abs=1e-9)
-    assert expected[0] < 0.1 * VARIANCES_MAX[0]
 
 
 @pytest.mark.parametrize("noise_rad_s", [0.0, 0.01])

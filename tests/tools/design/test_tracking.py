@@ -12,9 +12,11 @@ from steer_by_wire.closed_loop.pair.pair_result import PairResult
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.linear_system import held_plant
+from steer_by_wire.controller.analysis.loop_signals import LoopModel
+from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
-from steer_by_wire.controller.filters.transfer_function import TransferFunction
+from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import PAPER_LAWS
 from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
@@ -94,20 +96,13 @@ def drive(
 # The lateral error without steering
 
 
-def test_on_a_circle_the_unsteered_error_is_a_parabola() -> None:
-    error_m, heading_rad = unsteered_errors(np.full(41, 0.05), 0.1, 3.0, 4)
-    time_s = 0.4 * np.arange(11)
-    assert error_m == pytest.approx(-0.5 * 0.05 * (3.0 * time_s) ** 2, abs=1e-12)
-    assert heading_rad == pytest.approx(-0.05 * 3.0 * time_s, abs=1e-12)
-
-
 def test_on_a_clothoid_the_unsteered_error_is_cubic_whatever_the_stride() -> None:
     rate = 0.01
-    error_m, _ = unsteered_errors(
-        np.array([0.1 * rate * k for k in range(41)], dtype=np.float64), 0.1, 2.0, 8
-    )
+    curvature_1_m = np.array([0.1 * rate * k for k in range(41)], dtype=np.float64)
+    error_m, heading_rad = unsteered_errors(curvature_1_m, 0.1, 2.0, 8)
     time_s = 0.8 * np.arange(6)
     assert error_m == pytest.approx(-(2.0**2) * rate * time_s**3 / 6.0, abs=1e-12)
+    assert heading_rad == pytest.approx(-2.0 * rate * time_s**2 / 2.0, abs=1e-12)
 
 
 # Responses
@@ -263,37 +258,12 @@ def test_the_count_of_slow_poles_is_that_of_the_eigenvalues(
                 assert count == np.count_nonzero(decay < decay_1_s)
 
 
-@pytest.mark.parametrize("law", PAPER_LAWS)
-@pytest.mark.parametrize("delay_ns", [0, 250 * MS_NS])
-def test_the_peak_sensitivity_is_that_of_a_fine_nyquist_curve(law: str, delay_ns: int) -> None:
-    design = design_law(preset(law))
-    omega_rad_s = np.linspace(0.01, math.pi / PERIOD_S, 8_000)
-    curve = SampledLoop(design, MODELS[3], PERIOD_NS).responder(delay_ns)(omega_rad_s)
-    peak = float(1.0 / np.abs(1.0 + curve).min())
-    found = loop_figures(frequency_grid([MODELS[3]], [delay_ns], PERIOD_NS, 400), design)
-    assert found.peak_sensitivity[0, 0] == pytest.approx(peak, rel=5e-3)
-
-
-def noise_energy(design: LawDesign, model: TransferFunction, delay_ns: int) -> float:
-    """Root of the energy of the steer after a unit impulse of the measurement, by simulation."""
-    plant = held_plant(model, PERIOD_NS, delay_ns)
-    x, state = np.zeros(len(plant.a)), design.initial_state(0.0)
-    sent = [0.0] * (plant.whole_periods + 2)
-    energy = 0.0
-    for tick in range(4000):
-        measured_m = float(plant.c[0] @ x) + (tick == 0)
-        state, output = design.step(design.params, state, LawInput(measured_m, sent[-1]))
-        sent.append(output.steer_rad)
-        energy += output.steer_rad**2
-        newer, older = sent[-1 - plant.whole_periods], sent[-2 - plant.whole_periods]
-        x = plant.a @ x + plant.b_new * newer + plant.b_old * older
-    return math.sqrt(energy)
-
-
-@pytest.mark.parametrize("law", PAPER_LAWS)
-@pytest.mark.parametrize("delay_ns", [0, 203_000_000])
-def test_the_noise_gain_is_the_energy_of_the_impulse_response(law: str, delay_ns: int) -> None:
-    design = design_law(preset(law))
+@pytest.mark.parametrize("law", [*PAPER_LAWS, "pid_heading"])
+@pytest.mark.parametrize("delay_ns", [0, 203 * MS_NS])
+def test_the_figures_of_a_loop_are_those_of_its_signals(law: str, delay_ns: int) -> None:
+    design, rates = design_law(preset(law)), LoopDelayParams(PERIOD_NS, PERIOD_NS, 50.0)
+    signals = PeriodicLoop(design, rates, LoopModel(CORNERS[2]))
     found = loop_figures(frequency_grid([MODELS[2]], [delay_ns], PERIOD_NS, 800), design)
-    by_simulation = noise_energy(design, MODELS[2], delay_ns)
-    assert found.noise_gain_rad_m[0, 0] == pytest.approx(by_simulation, rel=2e-3)
+    peak, noise_rad_m = (float(figure[0, 0]) for figure in found)
+    assert peak == pytest.approx(signals.peak_sensitivity(delay_ns), rel=5e-3)
+    assert noise_rad_m == pytest.approx(signals.noise_gain_rad_m(delay_ns), rel=2e-3)

@@ -1,8 +1,10 @@
-"""Figures 2, 9, 10, 11 and 12: what their functions yield, and the numbers behind the verdicts."""
+"""Figures 7 to 12: what their functions yield, and the numbers behind the verdicts."""
 
 import math
+from functools import cache
 
 import numpy as np
+import pytest
 
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.tools.paper.corners import CORNERS, published_law
@@ -11,6 +13,7 @@ from steer_by_wire.tools.paper.figures.frequency_figures import (
     figure_10,
     figure_11,
 )
+from steer_by_wire.tools.paper.figures.parameter_space_figures import figure_7, figure_8
 from steer_by_wire.tools.paper.figures.small_gain_figures import (
     DELAY_S,
     figure_9,
@@ -21,9 +24,28 @@ from steer_by_wire.tools.paper.figures.small_gain_figures import (
 from steer_by_wire.tools.paper.result import Reproduction, Verdict
 from tests.support.suite.curves import alike_without_colour
 
+FIGURES = {
+    "figure_07": figure_7,
+    "figure_08": figure_8,
+    "figure_09": figure_9,
+    "figure_10": figure_10,
+    "figure_11": figure_11,
+    "figure_12": figure_12,
+}
 
-def check_form(reproduction: Reproduction, key: str) -> None:
+
+@cache
+def drawn(key: str) -> Reproduction:
+    with plot_style():
+        return FIGURES[key]()
+
+
+@pytest.mark.parametrize("key", FIGURES)
+def test_a_figure_is_complete_and_says_what_was_corrected(key: str) -> None:
+    reproduction = drawn(key)
     assert reproduction.key == key
+    assert reproduction.verdict is Verdict.WITH_CORRECTION
+    assert reproduction.why
     for picture in reproduction.pictures:
         assert picture.name.startswith(key)
         assert not alike_without_colour(picture.figure)
@@ -31,20 +53,33 @@ def check_form(reproduction: Reproduction, key: str) -> None:
             assert axes.get_ylabel()
             assert all(np.all(np.isfinite(line.get_xydata())) for line in axes.lines)
         assert picture.figure.axes[-1].get_xlabel()
-    assert reproduction.why
 
 
-def test_figure_9_meets_its_condition_at_every_vertex() -> None:
-    with plot_style():
-        reproduction = figure_9()
-    check_form(reproduction, "figure_09")
-    (axes,) = reproduction.pictures[0].figure.axes
+@pytest.mark.parametrize(
+    ("key", "agree"),
+    [
+        ("figure_07", [True, True, True, None]),
+        ("figure_08", [True]),
+        ("figure_09", [True]),
+        ("figure_10", []),
+        ("figure_11", [True, True]),
+        ("figure_12", [False, False, False, True, True]),  # with an ideal derivative, and filtered
+    ],
+)
+def test_the_comparisons_of_a_figure_agree_as_its_verdict_says(
+    key: str, agree: list[bool | None]
+) -> None:
+    assert [comparison.agrees for comparison in drawn(key).comparisons] == agree
+
+
+def test_figures_7_to_9_say_the_values_behind_their_verdicts() -> None:
+    reproduced = {c.quantity: c.reproduced for c in drawn("figure_07").comparisons}
+    assert reproduced["their modulus"] == "0.585 rad/s"
+    (axes,) = drawn("figure_09").pictures[0].figure.axes
     *inverse_db, q_db = (line.get_ydata() for line in axes.lines)
     assert len(inverse_db) == len(CORNERS)
     assert all(np.all(q_db < one_db) for one_db in inverse_db)
-    (published,) = reproduction.comparisons
-    assert published.agrees is True
-    assert published.reproduced == "a 4.4, b 4.4, c 13.4, d 13.8 dB"
+    assert drawn("figure_09").comparisons[0].reproduced == "a 4.4, b 4.4, c 13.4, d 13.8 dB"
 
 
 def test_without_observer_the_vehicle_spreads_as_the_square_of_the_speed_at_rest() -> None:
@@ -53,29 +88,10 @@ def test_without_observer_the_vehicle_spreads_as_the_square_of_the_speed_at_rest
     assert 3.0 < spread < (7.0 / 4.0) ** 2
 
 
-def test_figures_10_and_11_agree_with_what_the_text_says_of_them() -> None:
-    with plot_style():
-        tenth, eleventh = figure_10(), figure_11()
-    check_form(tenth, "figure_10")
-    check_form(eleventh, "figure_11")
-    assert [comparison.agrees for comparison in eleventh.comparisons] == [True, True]
-    for figure in (tenth, eleventh):
-        closed_loop, _ = figure.pictures[0].figure.axes
-        assert abs(closed_loop.lines[0].get_ydata()[0]) < 0.01  # |y/r| is 1 where ω is small
-
-
-def test_figure_12_holds_with_a_filtered_derivative_and_not_with_an_ideal_one() -> None:
-    with plot_style():
-        reproduction = figure_12()
-    check_form(reproduction, "figure_12")
-    assert reproduction.verdict is Verdict.WITH_CORRECTION
-    verdicts = {comparison.quantity: comparison.agrees for comparison in reproduction.comparisons}
-    ideal = [agrees for quantity, agrees in verdicts.items() if "ideal" in quantity]
-    filtered = [
-        agrees for quantity, agrees in verdicts.items() if quantity.endswith("N = 20 rad/s")
-    ]
-    assert ideal == [False, False, False]
-    assert filtered == [True, True]
+@pytest.mark.parametrize("key", ["figure_10", "figure_11"])
+def test_the_closed_loop_is_1_where_the_frequency_is_small(key: str) -> None:
+    closed_loop, _ = drawn(key).pictures[0].figure.axes
+    assert abs(closed_loop.lines[0].get_ydata()[0]) < 0.01
 
 
 def test_the_curves_of_figure_12_first_meet_beyond_100_rad_s() -> None:
