@@ -37,9 +37,9 @@ from . import jitter
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
 from .loop_signals import LoopModel
-from .periodic_loop import PeriodicLoop, Responses, linear, stable_constant_delays
+from .periodic_loop import PeriodicLoop, Responses, linear
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
-from .stable_delays import DELAY_NS_MAX, Interval, delay_margin_ns, stable_delays
+from .stable_delays import DELAY_NS_MAX, Loop, delay_margin_ns, stable_delays
 
 SHOWN_DELAYS_MS = (0, 100, 200, 300, 400, 500)
 FILTER_PERIODS_MAX = 100
@@ -51,9 +51,6 @@ TWO_RATES_PERIODS_MAX = 300
 Figures = dict[str, Any]
 Progress = Callable[[str], None]
 """Called with what is computed next, in words."""
-
-
-Loop = SampledLoop | PeriodicLoop
 
 
 def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
@@ -128,13 +125,6 @@ def _analysed_law(settings: ControllerSettings) -> LawDesign:
     if design.looking_back is not None or settings.followed_point == "preview":
         return design
     return design_law(settings.model_copy(update={"followed_point": "preview"}))
-
-
-def stable_delays_of(loop: Loop, limit_ns: int) -> tuple[Interval, ...]:
-    """Return the stable delays of either loop."""
-    if isinstance(loop, SampledLoop):
-        return stable_delays(loop, limit_ns)
-    return stable_constant_delays(loop, limit_ns)
 
 
 def _has_two_rates(settings: ControllerSettings) -> bool:
@@ -258,7 +248,7 @@ def _delays(loop: Loop, limit_ns: int | None = None) -> Figures:
         if isinstance(loop, PeriodicLoop):
             periods = FILTER_PERIODS_MAX if loop.looks_back else TWO_RATES_PERIODS_MAX
             limit_ns = min(limit_ns, periods * loop.control_period_ns)
-    stable = stable_delays_of(loop, limit_ns)
+    stable = stable_delays(loop, limit_ns)
     margin_ns = delay_margin_ns(stable, limit_ns)
     return {
         "margin_s": None if margin_ns is None else margin_ns / NS_PER_S,

@@ -257,7 +257,7 @@ def continuous_model(loop_model: LoopModel) -> tuple[FloatArray, FloatArray]:
     if isinstance(loop_model.vehicle, TransferFunction):
         return _observer_form(loop_model.vehicle)
     vehicle, lag_s = loop_model.vehicle, loop_model.actuator_lag_s
-    a, b = continuous_vehicle(vehicle, vehicle.speed_m_s, lag_s)
+    a, b = continuous_vehicle(vehicle, lag_s)
     states = [BETA, R, PSI, Y, *([DELTA] if lag_s else [])]
     return a[np.ix_(states, states)], b[states]
 

@@ -34,7 +34,6 @@ from ..prediction.gains_over_speed import Y
 from ..settings import ControllerSettings
 from .loop_signals import LoopMatrices, LoopModel, Signals, Timing, continuous_model
 from .sampled_loop import SLOWEST_DECAY_1_S
-from .stable_delays import DELAY_NS_MAX, SCAN_STEP_NS, Interval, stable_intervals
 from .unit_responses import own_floats, unit_responses
 
 _START_S = 10
@@ -213,17 +212,3 @@ def _reached_from(start: int, acts: BoolArray) -> BoolArray:
         if (further == reached).all():
             return reached
         reached = further
-
-
-def stable_constant_delays(
-    loop: PeriodicLoop, delay_ns_max: int = DELAY_NS_MAX
-) -> tuple[Interval, ...]:
-    """Return the stable latencies of the commands from 0 to a limit, ascending.
-
-    Stability is tested at every SCAN_STEP_NS and just after it, where the measured delay may jump.
-    Between two tests with different results the boundary is bisected to RESOLUTION_NS. An interval
-    that begins and ends between two tests is missed.
-    """
-    scan = range(0, delay_ns_max, SCAN_STEP_NS)
-    tested = sorted({*scan, *(delay_ns + 1 for delay_ns in scan), delay_ns_max})
-    return stable_intervals({each: loop.is_stable(each) for each in tested}, loop.is_stable)

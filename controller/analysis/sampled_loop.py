@@ -95,7 +95,7 @@ class SampledLoop:
         )
         phases_rad = np.abs(np.angle(-response(crossovers)))
         nearest = int(np.argmin(phases_rad)) if len(phases_rad) else None
-        peak, peak_rad_s = _peak(lambda omega: 1.0 / np.abs(1.0 + response(omega)), omega_rad_s)
+        peak, peak_rad_s = peak_of(lambda omega: 1.0 / np.abs(1.0 + response(omega)), omega_rad_s)
         return StabilityMargins(
             gain_max=float(min(factors[factors > 1.0], default=math.inf)),
             gain_min=float(max(factors[factors < 1.0], default=0.0)),
@@ -168,7 +168,7 @@ def _zeros(function: RealFunction, omega_rad_s: FloatArray, values: FloatArray) 
     return np.asarray(0.5 * (low + high))
 
 
-def _peak(function: RealFunction, omega_rad_s: FloatArray) -> tuple[float, float]:
+def peak_of(function: RealFunction, omega_rad_s: FloatArray) -> tuple[float, float]:
     """Return the largest value and where it is, on a grid that gets finer around it."""
     for _ in range(_PEAK_ROUNDS):
         values = function(omega_rad_s)

@@ -1,15 +1,13 @@
-"""The set of constant delays at which the sampled loop is stable, up to a limit, as intervals.
+"""The set of constant delays at which a loop is stable, up to a limit, as intervals.
 
 The set need not be an interval that starts at zero: an observer can make a loop unstable at 80 ms
-and stable at 160 ms. Stability is judged
+and stable at 160 ms. Stability is judged at steps, and where two neighbours differ the boundary
+between them is bisected to RESOLUTION_NS. A stretch that begins and ends between two steps is
+missed: they are FINE_STEP_NS apart for a loop of one rate, which is less than a bus varies by, and
+SCAN_STEP_NS for a ``PeriodicLoop``, each of whose judgements takes long.
 
-- at every SCAN_STEP_NS,
-- between every two neighbouring delays at which a mode crosses the stability limit,
-
-so that neither a stable nor an unstable stretch is missed for being short, down to RESOLUTION_NS.
-Between two delays of different verdict the boundary is bisected to RESOLUTION_NS. Stability is
-judged by the argument principle (``growing_modes``). It agrees with the eigenvalues of
-``SampledLoop``, but its cost does not grow with the number of commands in transit.
+A loop of one rate is judged by the argument principle (``growing_modes``). It agrees with the
+eigenvalues of ``SampledLoop``, but its cost does not grow with the number of commands in transit.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,15 +16,18 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from .growing_modes import GrowingModes
+from .periodic_loop import PeriodicLoop
 from .sampled_loop import SampledLoop
 
-SCAN_STEP_NS = 10_000_000
+SCAN_STEP_NS, FINE_STEP_NS = 10_000_000, 1_000_000
 RESOLUTION_NS = 10_000
 DELAY_NS_MAX = 600_000_000
 
+Loop = SampledLoop | PeriodicLoop
+
 
 class Interval(NamedTuple):
-    """Delays from ``first_ns`` to ``last_ns`` [ns], both of them stable and all between.
+    """Delays from ``first_ns`` to ``last_ns`` [ns], both of them stable and all judged between.
 
     Stability ends less than RESOLUTION_NS beyond either end, but for 0 and the limit of the search.
     """
@@ -35,17 +36,24 @@ class Interval(NamedTuple):
     last_ns: int
 
 
-def stable_delays(loop: SampledLoop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[Interval, ...]:
+def stable_delays(loop: Loop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[Interval, ...]:
     """Return the stable delays from 0 to a limit, ascending; empty if there are none."""
-    modes = GrowingModes(loop, delay_ns_max)
-    scan = {*range(0, delay_ns_max, SCAN_STEP_NS), delay_ns_max}
-    crossings = [0, *(round(delay_ns) for delay_ns in modes.crossings_ns()), delay_ns_max]
-    between = {(a + b) // 2 for a, b in pairwise(crossings) if b - a > RESOLUTION_NS}
+    scan = [*range(0, delay_ns_max, SCAN_STEP_NS), delay_ns_max]
+    if isinstance(loop, PeriodicLoop):
+        # Just after a step, too: the measured delay may jump there.
+        tested = sorted({*scan, *(delay_ns + 1 for delay_ns in scan[:-1])})
+        return stable_intervals({each: loop.is_stable(each) for each in tested}, loop.is_stable)
+    modes, judged = GrowingModes(loop, delay_ns_max), dict[int, bool]()
 
     def is_stable(delay_ns: int) -> bool:
         return modes.count(delay_ns) == 0
 
-    return stable_intervals({each: is_stable(each) for each in sorted(scan | between)}, is_stable)
+    for low_ns, high_ns in pairwise(scan):
+        between = [*range(low_ns, high_ns, FINE_STEP_NS), high_ns]
+        verdicts = {each: is_stable(each) for each in between}
+        changes = sum(verdicts[a] != verdicts[b] for a, b in pairwise(between))
+        judged |= verdicts if changes > 1 else {each: verdicts[each] for each in (low_ns, high_ns)}
+    return stable_intervals(judged, is_stable)
 
 
 def stable_intervals(

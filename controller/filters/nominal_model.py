@@ -59,15 +59,23 @@ def paper_eq19() -> TransferFunction:
     )
 
 
+def motion_coefficients(vehicle: NominalVehicle) -> tuple[float, float, float, float, float, float]:
+    """Return a11, a12, a21, a22, b11 and b21 of side slip and yaw rate."""
+    m, j, c_f, c_r, l_f, l_r, _, v = vehicle
+    return (
+        -(c_r + c_f) / (m * v),
+        -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2),
+        (c_r * l_r - c_f * l_f) / j,
+        -(c_r * l_r**2 + c_f * l_f**2) / (j * v),
+        c_f / (m * v),
+        c_f * l_f / j,
+    )
+
+
 def steer_to_lateral_error(vehicle: NominalVehicle) -> TransferFunction:
     """Return y/δ_f of (4) for any vehicle at constant speed, stable inverse or not."""
-    m, j, c_f, c_r, l_f, l_r, l_s, v = vehicle
-    a11 = -(c_r + c_f) / (m * v)
-    a12 = -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2)
-    a21 = (c_r * l_r - c_f * l_f) / j
-    a22 = -(c_r * l_r**2 + c_f * l_f**2) / (j * v)
-    b11 = c_f / (m * v)
-    b21 = c_f * l_f / j
+    l_s, v = vehicle.preview_distance_m, vehicle.speed_m_s
+    a11, a12, a21, a22, b11, b21 = motion_coefficients(vehicle)
     yaw_gain = a21 * b11 - a11 * b21
     zeros = Factor(
         v * b11 + l_s * b21, v * (b21 + a12 * b21 - a22 * b11) + l_s * yaw_gain, v * yaw_gain

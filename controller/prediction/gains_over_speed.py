@@ -29,7 +29,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ...runtime.settings import Settings, SettingsError
-from ..filters.nominal_model import NominalVehicle, understeer_gradient_s2_m
+from ..filters.nominal_model import (
+    NominalVehicle,
+    motion_coefficients,
+    understeer_gradient_s2_m,
+)
 from ..filters.settings import VehicleModelSettings
 from ..matrices import Matrix, zero_order_hold
 from .riccati_equation import UnsolvableError, feedback_gain, filter_gains
@@ -198,7 +202,8 @@ def sampled_vehicles(
     period_s: float,
 ) -> SampledVehicle:
     """Return the sampled vehicle at each speed."""
-    models = [continuous_vehicle(vehicle, speed, settings.actuator_lag_s) for speed in speeds_m_s]
+    at_speeds = (at_speed(vehicle, speed_m_s) for speed_m_s in speeds_m_s)
+    models = [continuous_vehicle(each, settings.actuator_lag_s) for each in at_speeds]
     a, b = map(np.array, zip(*models, strict=True))
     f, g = zero_order_hold(a, b, period_s)
     if settings.actuator_lag_s == 0.0:
@@ -290,7 +295,7 @@ def steady_state(
     vehicle: VehicleModelSettings, speed_m_s: float, behind_m: float
 ) -> Sequence[float]:
     """Return the state that holds the followed point on a path of curvature 1/m, as above."""
-    a, b = (m.tolist() for m in continuous_vehicle(vehicle, speed_m_s, 0.0))
+    a, b = (m.tolist() for m in continuous_vehicle(at_speed(vehicle, speed_m_s), 0.0))
     yaw_rate = speed_m_s
     determinant = a[BETA][BETA] * b[R] - a[R][BETA] * b[BETA]
     side_slip = yaw_rate * (b[BETA] * a[R][R] - b[R] * a[BETA][R]) / determinant
@@ -300,27 +305,21 @@ def steady_state(
     return side_slip, yaw_rate, heading_error, lateral_error, 1.0, 0.0, wheel
 
 
-def continuous_vehicle(
-    vehicle: VehicleModelSettings | NominalVehicle, speed_m_s: float, lag_s: float
-) -> tuple[Matrix, Matrix]:
+def continuous_vehicle(vehicle: NominalVehicle, lag_s: float) -> tuple[Matrix, Matrix]:
     """Return the model in continuous time; without a lag the wheel angle is the input."""
-    v, m, j = speed_m_s, vehicle.virtual_mass_kg, vehicle.yaw_inertia_kg_m2
-    c_f, c_r = vehicle.front_cornering_stiffness_n_rad, vehicle.rear_cornering_stiffness_n_rad
-    l_f, l_r = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
-    a, b = np.zeros((7, 7)), np.zeros(7)
-    a[BETA, BETA] = -(c_r + c_f) / (m * v)
-    a[BETA, R] = -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2)
-    a[R, BETA] = (c_r * l_r - c_f * l_f) / j
-    a[R, R] = -(c_r * l_r**2 + c_f * l_f**2) / (j * v)
+    a, b, steer = np.zeros((7, 7)), np.zeros(7), np.zeros(7)
+    motion, v = motion_coefficients(vehicle), vehicle.speed_m_s
+    a[BETA, BETA], a[BETA, R], a[R, BETA], a[R, R], steer[BETA], steer[R] = motion
     a[PSI, R], a[PSI, RHO] = 1.0, -v
     a[Y, BETA], a[Y, R], a[Y, PSI] = v, vehicle.preview_distance_m, v
-    steer = np.zeros(7)
-    steer[BETA], steer[R] = c_f / (m * v), c_f * l_f / j
     a[:, D] = steer
-    if lag_s > 0.0:
-        a[:, DELTA] = steer
-        a[DELTA, DELTA] -= 1.0 / lag_s
-        b[DELTA] = 1.0 / lag_s
-    else:
-        b = steer
+    if lag_s == 0.0:
+        return a, steer
+    a[:, DELTA] = steer
+    a[DELTA, DELTA], b[DELTA] = -1.0 / lag_s, 1.0 / lag_s
     return a, b
+
+
+def at_speed(vehicle: VehicleModelSettings, speed_m_s: float) -> NominalVehicle:
+    """Return the vehicle at a speed."""
+    return vehicle.vehicle._replace(speed_m_s=speed_m_s)

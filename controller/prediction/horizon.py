@@ -45,6 +45,7 @@ from .gains_over_speed import (
     Feedback,
     R,
     Y,
+    at_speed,
     between,
     continuous_vehicle,
     sampled_vehicles,
@@ -257,7 +258,7 @@ def _side(
     settings: EstimatorSettings, vehicle: VehicleModelSettings, speed_m_s: float
 ) -> Sequence[float]:
     """Return a_y from β, r, Δψ, y, δ and d, as the steer of a steady turn with it."""
-    a, _ = continuous_vehicle(vehicle, speed_m_s, settings.actuator_lag_s)
+    a, _ = continuous_vehicle(at_speed(vehicle, speed_m_s), settings.actuator_lag_s)
     scale = speed_m_s * steady_turn_rad(vehicle, speed_m_s, 1.0)
     by_wheel = scale * a[BETA, D]
     return scale * a[BETA, BETA], scale * (a[BETA, R] + 1.0), 0.0, 0.0, by_wheel, by_wheel

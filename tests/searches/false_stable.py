@@ -24,10 +24,10 @@ import numpy as np
 from scipy.stats import binomtest
 
 from steer_by_wire import check
-from steer_by_wire.controller.analysis.check_figures import Loop, loop_around, stable_delays_of
+from steer_by_wire.controller.analysis.check_figures import loop_around
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop
-from steer_by_wire.controller.analysis.stable_delays import RESOLUTION_NS
+from steer_by_wire.controller.analysis.stable_delays import RESOLUTION_NS, Loop, stable_delays
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings
@@ -128,7 +128,7 @@ def asked_of_loop(rng: np.random.Generator) -> Iterator[Answer]:
         if lag_s or uplink_ns:
             model = LoopModel(vehicle, lag_s, uplink_ns)
             loop = PeriodicLoop(design_law(settings), settings.loop_delay, model)
-        stable = stable_delays_of(loop, limit_ns)
+        stable = stable_delays(loop, limit_ns)
     except ValueError:
         return
     ends = sorted({end for each in stable for end in each} - {0, limit_ns})

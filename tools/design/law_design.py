@@ -35,17 +35,6 @@ NUMBER_UNITS = {
 }
 
 
-class NoDesignError(Exception):
-    """No parameters of a law meet all demands; the text names those that are in the way.
-
-    ``found``  the nearest that the search came
-    """
-
-    def __init__(self, reason: str, found: Found) -> None:
-        super().__init__(reason)
-        self.found = found
-
-
 class RmsByDelay(NamedTuple):
     """RMS of the car's deviation on the worst path; ``rms_m`` of shape (corners, delays)."""
 
@@ -71,13 +60,11 @@ class Design(NamedTuple):
     jitter_rms_m: tuple[float, ...]
 
 
-def design(spec: Specification, vehicle: VehicleFile, law: str, check: Check) -> Design:
-    """Return the law that is best by the specification; raises NoDesignError."""
+def design(spec: Specification, vehicle: VehicleFile, law: str, check: Check) -> Design | Found:
+    """Return the law that is best by the specification; what was found if it is no design."""
     fine = make_study(spec, vehicle, fine=True)
     found = find(make_study(spec, vehicle, fine=False), fine, law, check)
-    if not found.feasible:
-        raise NoDesignError(f"{law}: no design; {_nearest(found)}", found)
-    return describe(fine, found)
+    return describe(fine, found) if found.feasible else found
 
 
 def describe(study: Study, found: Found) -> Design:
@@ -146,7 +133,8 @@ def _held_up_to_ns(by_delay: RmsByDelay, largest_m: float | None) -> int | None:
     return by_delay.delays_ns[last] if last >= 0 else -1
 
 
-def _nearest(found: Found) -> str:
+def nearest(found: Found) -> str:
+    """Return in words what the search came nearest with, and what that fails."""
     values = found.values.items()
     best = ", ".join(f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in values)
     fails = "; ".join(failed(found.judgement)) or "unstable by its eigenvalues"

@@ -9,7 +9,7 @@ from ...controller.laws.law_from_settings import required
 from ...controller.settings import ControllerSettings
 from ...runtime.output_file import write_text
 from .demands import Demand
-from .law_design import Design, NoDesignError, design
+from .law_design import Design, design, nearest
 from .predictor_design import design_predictor, predictor_demands
 from .report import (
     STOPPED,
@@ -24,6 +24,7 @@ from .report import (
 )
 from .search.evolution import ends_after
 from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
+from .search.parameter_search import Found
 from .specification import Specification
 from .vehicle_file import VehicleFile
 
@@ -87,13 +88,12 @@ def run_job(job: Job) -> Outcome:
 
 def _linear_law(job: Job) -> Outcome:
     spec, vehicle, law = job.spec, job.vehicle, job.law
-    try:
-        designed = design(spec, vehicle, law, ends_after(job.minutes))
-    except NoDesignError as error:
-        demands = error.found.judgement.demands
-        settings = controller_settings(spec, vehicle, law, error.found.values)
+    designed = design(spec, vehicle, law, ends_after(job.minutes))
+    if isinstance(designed, Found):
+        demands = designed.judgement.demands
+        settings = controller_settings(spec, vehicle, law, designed.values)
         text = unmet_text(law, with_set_point(spec, settings), demands, job.sources)
-        return Outcome((), demands, text, str(error))
+        return Outcome((), demands, text, f"{law}: no design; {nearest(designed)}")
     found = designed.found
     lines = ["", f"{law}  ({found.judged} sets of parameters judged)"]
     lines += [

@@ -6,12 +6,11 @@ the block diagrams, Figures 21, 22 and 24 show loops without a disturbance. A si
 is taken; (19), whose yaw damping is misprinted in the same way, is the vehicle. All that is added
 to the paper's laws is the filter of the derivative.
 
-The nodes have no reference: their path is the zero of the lateral error. So the parts of the laws
-run here by themselves, the loops of Figures 6 and 13 around (19) sampled exactly, in the order of
-one control period: measure, decide, limit, hold. The reference enters the PD alone; the observers
-see y.
+The nodes have no reference: their path is the zero of the lateral error. So the laws run here by
+themselves, the loops of Figures 6 and 13 around (19) sampled exactly, in the order of one control
+period: measure, decide, limit, hold. The reference enters the PD alone; the observers see y.
 
-    u = C (r - y_fb) - d̂
+    u = C (r - y_fb) - d̂, that of the law and C r
 """
 
 from collections import deque
@@ -21,16 +20,15 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.signal import cont2discrete
 
 from ...closed_loop.pair.pair_result import rms
 from ...closed_loop.reports.plot_style import law_styles
-from ...controller.filters.cdob import cdob_at_rest, cdob_step
-from ...controller.filters.discretization import design_cdob, design_dob, design_pd
-from ...controller.filters.dob import dob_at_rest, dob_step
+from ...controller.analysis.linear_system import held_plant
+from ...controller.filters.discretization import design_pd
 from ...controller.filters.nominal_model import paper_eq19
 from ...controller.filters.pd_filter import pd_at_rest, pd_step
-from ...controller.filters.transfer_function import TransferFunction
+from ...controller.law_interface import LawInput
+from ...controller.laws.law_from_settings import design_law
 from ...controller.limits.steer_limits import limit_step
 from ...controller.settings import ControllerSettings, controller_preset
 from ...runtime.array_types import FloatArray
@@ -58,43 +56,25 @@ def follow(controller: ControllerSettings, delay_s: float) -> Followed:
 
     ``delay_s``  rounded to whole control periods
     """
-    period_s, limits, model = controller.period_s, controller.steer_limits, paper_eq19()
-    pd = design_pd(controller.pd, period_s)
-    dob = None if controller.dob is None else design_dob(controller.dob, model, period_s)
-    cdob = None if controller.cdob is None else design_cdob(controller.cdob, model, period_s)
-    x_pd = pd_at_rest(pd, 0.0)
-    x_dob = None if dob is None else dob_at_rest(dob, 0.0)
-    x_cdob = None if cdob is None else cdob_at_rest(cdob, 0.0)
-    a, b, c = _sampled(model, period_s)
-    x, steer_rad, disturbance_rad = np.zeros(len(b)), 0.0, 0.0
+    design, pd = design_law(controller), design_pd(controller.pd, controller.period_s)
+    state, x_reference = design.initial_state(0.0), pd_at_rest(pd, 0.0)
+    a, b, _, (c,), _ = held_plant(paper_eq19(), controller.period_ns, 0)
+    x, steer_rad = np.zeros(len(b)), 0.0
     on_their_way = deque([0.0] * round(delay_s * NS_PER_S / controller.period_ns))
-    time_s = period_s * np.arange(round(DURATION_S / period_s))
+    time_s = controller.period_s * np.arange(round(DURATION_S / controller.period_s))
     reference_m = AMPLITUDE_M * np.sin(2.0 * np.pi * SPEED_M_S / WAVELENGTH_M * time_s)
     rows = []
     for wanted_m in reference_m.tolist():
-        y_m = feedback_m = float(c @ x)
-        demand_sent_rad = steer_rad + disturbance_rad
-        if dob is not None and x_dob is not None:
-            x_dob, disturbance_rad = dob_step(dob, x_dob, y_m, steer_rad)
-        if cdob is not None and x_cdob is not None:
-            x_cdob, feedback_m, _ = cdob_step(cdob, x_cdob, y_m, demand_sent_rad)
-        x_pd, demand_rad = pd_step(pd, x_pd, feedback_m - wanted_m)
-        steer_rad = limit_step(limits, steer_rad, demand_rad - disturbance_rad)
+        y_m = float(c @ x)
+        state, output = design.step(design.params, state, LawInput(y_m, steer_rad))
+        x_reference, reference_rad = pd_step(pd, x_reference, -wanted_m)
+        demand_rad = output.steer_rad + reference_rad
+        steer_rad = limit_step(controller.steer_limits, steer_rad, demand_rad)
         rows.append((wanted_m - y_m, steer_rad))
         on_their_way.append(steer_rad)
         x = a @ x + b * on_their_way.popleft()
     error_m, sent_rad = np.array(rows, dtype=np.float64).T
     return Followed(np.asarray(time_s, dtype=np.float64), error_m, sent_rad)
-
-
-def _sampled(model: TransferFunction, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return A, b and c of N/(s² D) for a held command."""
-    (zeros,), (poles,) = model.numerator, model.denominator
-    a = np.diag(np.ones(3), 1)
-    a[3, 2:] = -poles.s0, -poles.s1
-    b, c = np.array([[0.0], [0.0], [0.0], [1.0]]), np.array([[zeros.s0, zeros.s1, zeros.s2, 0.0]])
-    a_d, b_d, c_d, *_ = cont2discrete((a, b, c, np.zeros((1, 1))), period_s)
-    return a_d, b_d[:, 0], c_d[0]
 
 
 READING = "path as the reference"

@@ -14,11 +14,12 @@ that meets one is stable, if it is stable for Δ_m = 0; a loop that fails it may
 The exact answer is in ``controller.analysis.sampled_loop``.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ...controller.analysis.sampled_loop import peak_of
 from ...controller.filters.continuous_filters import pd_compensator, q_order_2, washout
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.law_from_settings import required
@@ -91,7 +92,9 @@ def largest_uncertainty(
 def condition_23(q: TransferFunction, uncertainty: Uncertainty) -> Peak:
     """Return the largest |Q Δ_m|: the condition is met where it is below 1."""
     omega_rad_s, size = uncertainty
-    return _peak(np.abs(q.response(on_axis(omega_rad_s))) * size, omega_rad_s)
+    sizes = np.abs(q.response(on_axis(omega_rad_s))) * size
+    largest = int(np.argmax(sizes))
+    return Peak(float(sizes[largest]), float(omega_rad_s[largest]))
 
 
 def delay_uncertainty(omega_rad_s: FloatArray, delay_s: float) -> ComplexArray:
@@ -114,18 +117,4 @@ def cdob_small_gain(parts: CdobParts, delay_s: float) -> Peak:
         nominal = cdob_nominal_loop(parts, omega_rad_s)
         return np.abs(nominal / (1.0 + nominal) * delay_uncertainty(omega_rad_s, delay_s))
 
-    return _refined_peak(size)
-
-
-def _refined_peak(size: Callable[[FloatArray], FloatArray]) -> Peak:
-    """Return the maximum of a magnitude over ω, refined around the maximum on the grid."""
-    omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
-    index = int(np.argmax(size(omega_rad_s)))
-    around = omega_rad_s[max(0, index - 1)], omega_rad_s[min(_OMEGAS - 1, index + 1)]
-    fine_rad_s = np.linspace(*around, 2001)
-    return _peak(size(fine_rad_s), fine_rad_s)
-
-
-def _peak(sizes: FloatArray, omega_rad_s: FloatArray) -> Peak:
-    index = int(np.argmax(sizes))
-    return Peak(float(sizes[index]), float(omega_rad_s[index]))
+    return Peak(*peak_of(size, np.geomspace(*_OMEGA_RAD_S, _OMEGAS)))

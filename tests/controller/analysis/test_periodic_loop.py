@@ -160,7 +160,11 @@ def test_the_check_of_the_predictor_reports_what_its_fallback_survives(
 ) -> None:
     """For two gains of the same fallback it reports two margins, those of the law alone."""
     monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", ())
-    monkeypatch.setattr(check_figures, "stable_constant_delays", lambda _loop, _limit_ns: ())
+    monkeypatch.setattr(
+        check_figures,
+        "stable_delays",
+        lambda loop, ns: () if isinstance(loop, PeriodicLoop) else stable_delays(loop, ns),
+    )
     margins_ms = []
     for gain in ("2.0", "3.0"):
         overrides = (*PREDICTOR, "rate_hz=50", f"pd.proportional_gain_rad_m={gain}")

@@ -3,11 +3,11 @@
 import pytest
 
 from steer_by_wire.controller.analysis import check_figures
-from steer_by_wire.controller.analysis.check_figures import loop_around, stable_delays_of
+from steer_by_wire.controller.analysis.check_figures import loop_around
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.check_verdict import CheckVerdict, found_in
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
-from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop, stable_constant_delays
+from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.filters.settings import PaperEq19Settings
@@ -35,7 +35,7 @@ def test_a_gain_that_decides_anew_on_a_held_measurement_is_the_loop_of_the_senso
     design = design_law(LawSettings.model_validate({"law": "pd", "pd": pd}))
     limit_ns = 100 * MS
     rates = LoopDelayParams(2 * MS, 10 * MS, 50.0)
-    found = stable_constant_delays(PeriodicLoop(design, rates, LoopModel(INTEGRATOR)), limit_ns)
+    found = stable_delays(PeriodicLoop(design, rates, LoopModel(INTEGRATOR)), limit_ns)
     (by_hand,) = stable_delays(SampledLoop(design, INTEGRATOR, 10 * MS), limit_ns)
     assert len(found) == 1
     assert found[0].first_ns == by_hand.first_ns
@@ -65,7 +65,7 @@ def test_with_a_measurement_at_every_tick_it_is_the_loop_of_one_rate(
     design, vehicle = design_law(settings), vehicle_of(settings).vehicle
     for sensor_ms in (10, 5):
         rates = LoopDelayParams(10 * MS, sensor_ms * MS, 50.0)
-        found = stable_constant_delays(PeriodicLoop(design, rates, LoopModel(vehicle)))
+        found = stable_delays(PeriodicLoop(design, rates, LoopModel(vehicle)))
         (one,) = stable_delays(SampledLoop(design, settings.model, 10 * MS))
         assert [each.first_ns for each in found] == [0]
         assert found[0].last_ns == pytest.approx(one.last_ns, abs=20_000)
@@ -75,7 +75,7 @@ def test_a_heading_gain_is_analysed_at_both_rates_and_only_where_the_model_has_a
     settings = controller_preset("practical_pid", (PREVIEW, HEADING))
     vehicle = vehicle_of(settings).vehicle
     at_once, twice = (
-        stable_delays_of(loop_around(each, vehicle, {}), 450 * MS)
+        stable_delays(loop_around(each, vehicle, {}), 450 * MS)
         for each in (
             settings,
             controller_preset("practical_pid", (PREVIEW, HEADING, "rate_hz=200")),
