@@ -21,7 +21,7 @@ from .cdob import CdobParams
 from .continuous_filters import pd_compensator, q_order_2, q_type_2, washout
 from .dob import DobParams
 from .pd_filter import PdParams
-from .sections import IDENTITY, Cascade2, Cascade3, Section
+from .sections import IDENTITY, Cascade2, Section
 from .settings import CdobSettings, DobSettings, PdSettings
 from .transfer_function import Factor, TransferFunction
 
@@ -45,8 +45,9 @@ def design_dob(settings: DobSettings, model: TransferFunction, period_s: float) 
     else:
         q = q_type_2(omega_rad_s)
         command_filter = hold_equivalent_type_2(omega_rad_s, period_s)
-    error_filter = tustin_sections(q.times(model.inverse()), period_s)
-    return DobParams(command_filter, _three(error_filter))
+    first, *more = tustin_sections(q.times(model.inverse()), period_s)
+    second, third, *_ = (*more, IDENTITY, IDENTITY)
+    return DobParams(command_filter, (first, second, third))
 
 
 def design_cdob(settings: CdobSettings, model: TransferFunction, period_s: float) -> CdobParams:
@@ -54,7 +55,7 @@ def design_cdob(settings: CdobSettings, model: TransferFunction, period_s: float
     q = q_order_2(settings.q_cutoff_rad_s)
     return CdobParams(
         hold_equivalent_order_2(settings.q_cutoff_rad_s, period_s),
-        _two(tustin_sections(q.times(model.inverse()), period_s)),
+        _two_sections(q.times(model.inverse()), period_s),
         design_compensation(model, settings.washout_rad_s, period_s),
     )
 
@@ -63,7 +64,12 @@ def design_compensation(
     model: TransferFunction, washout_rad_s: float | None, period_s: float
 ) -> Cascade2:
     """Return H G_n, or G_n without a washout."""
-    return _two(tustin_sections(washout(washout_rad_s).times(model), period_s))
+    return _two_sections(washout(washout_rad_s).times(model), period_s)
+
+
+def _two_sections(transfer: TransferFunction, period_s: float) -> Cascade2:
+    first, second, *_ = (*tustin_sections(transfer, period_s), IDENTITY)
+    return first, second
 
 
 def tustin(numerator: Factor, denominator: Factor, period_s: float) -> Section:
@@ -120,14 +126,3 @@ def _tustin_factor(factor: Factor, order: int, period_s: float) -> tuple[float, 
     if order == 1:
         return c1 + c0, c0 - c1, 0.0
     return c0, 0.0, 0.0
-
-
-def _two(sections: tuple[Section, ...]) -> Cascade2:
-    """Return two sections, the missing ones filled with IDENTITY."""
-    first, second = sections + (IDENTITY,) * (2 - len(sections))
-    return first, second
-
-
-def _three(sections: tuple[Section, ...]) -> Cascade3:
-    first, second, third = sections + (IDENTITY,) * (3 - len(sections))
-    return first, second, third

@@ -26,7 +26,7 @@ proportional_gain_rad_m = 1.0
 derivative_gain_rad_s_m = 0.1
 derivative_filter_rad_s = 10.0
 """
-NOT_ANALYSED = {"rate_hz": 100.0, "period_s": 0.01, "not_analysed": "of a test"}
+NOT_ANALYSED = {"rate_hz": 100.0, "period_s": 0.01, "not_analysed": "of a test", "corners": []}
 """Figures of a test to which the analysis itself says nothing."""
 
 

@@ -27,13 +27,11 @@ from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .loop_figures import (
-    FrequencyGrid,
-    StabilityGrid,
+    CircleGrid,
     behind_lag,
-    frequency_grid,
+    circle_grid,
     loop_figures,
     slow_poles,
-    stability_grid,
 )
 from .search.evolution import Values
 from .search.law_parameters import controller_settings, designs
@@ -165,8 +163,8 @@ class Study(NamedTuple):
     vehicle: VehicleFile
     models: tuple[TransferFunction, ...]
     tracking: TrackingGrid
-    frequency: FrequencyGrid
-    stability: Mapping[str, StabilityGrid]
+    frequency: CircleGrid
+    stability: Mapping[str, CircleGrid]
     without: frozenset[str]  # demands that are not made
 
 
@@ -189,15 +187,15 @@ def make_study(
     period_ns, points = spec.period_ns, _FINE_POINTS if fine else _COARSE_POINTS
     settling_1_s = spec.d_stability.settling_1_s
     stability = {
-        "settling": stability_grid(models, spec.delays_ns, period_ns, settling_1_s, points),
-        "delay margin": stability_grid(
-            models, spec.margin_delays_ns, period_ns, _MARGIN_DECAY_1_S, points
+        "settling": circle_grid(models, spec.delays_ns, period_ns, points, settling_1_s),
+        "delay margin": circle_grid(
+            models, spec.margin_delays_ns, period_ns, points, _MARGIN_DECAY_1_S
         ),
     }
     if spec.actuator is not None:
         lagged = [behind_lag(model, spec.actuator.lag_s) for model in models]
-        stability["actuator lag"] = stability_grid(
-            lagged, spec.lag_delays_ns, period_ns, _MARGIN_DECAY_1_S, points
+        stability["actuator lag"] = circle_grid(
+            lagged, spec.lag_delays_ns, period_ns, points, _MARGIN_DECAY_1_S
         )
     delays_ns = spec.delays_ns if fine else _thinned(spec.delays_ns, coarse_delays)
     return Study(
@@ -205,7 +203,7 @@ def make_study(
         vehicle,
         models,
         course_grid(spec, vehicle, delays_ns, takes_map=takes_map),
-        frequency_grid(models, spec.delays_ns, period_ns, points),
+        circle_grid(models, spec.delays_ns, period_ns, points),
         {name: grid for name, grid in stability.items() if name not in without},
         without,
     )

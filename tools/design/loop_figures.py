@@ -71,21 +71,13 @@ _OMEGA_RAD_S_MIN = 0.02
 """The grids of ω are linear below this and logarithmic above."""
 
 
-class StabilityGrid(NamedTuple):
+class CircleGrid(NamedTuple):
     """Plants on the upper half of |z| = e^{-σT}; ``plants`` of shape (2, corners, delays, Z)."""
-
-    radius: float
-    z: ComplexArray
-    plants: ComplexArray
-    poles_outside: IntArray  # of each corner's plant, shape (corners,)
-
-
-class FrequencyGrid(NamedTuple):
-    """Plants on the upper half of the unit circle, z = 1 left out; ``plants`` as above."""
 
     angle_rad: FloatArray  # ωT, shape (Z,)
     z: ComplexArray
     plants: ComplexArray
+    poles_outside: IntArray  # of each corner's plant, shape (corners,)
 
 
 class LoopFigures(NamedTuple):
@@ -95,48 +87,41 @@ class LoopFigures(NamedTuple):
     noise_gain_rad_m: FloatArray
 
 
-def stability_grid(
+def circle_grid(
     models: Sequence[TransferFunction],
     delays_ns: Sequence[int],
     period_ns: int,
-    decay_1_s: float,
     points: int,
-) -> StabilityGrid:
-    """Return the grid for the count of poles that decay more slowly than σ; σ > 0 [1/s]."""
+    decay_1_s: float = 0.0,
+) -> CircleGrid:
+    """Return the grid for the count of poles that decay more slowly than σ [1/s].
+
+    That of σ = 0, for sensitivity and noise gain, leaves z = 1 out.
+    """
     period_s = period_ns / NS_PER_S
+    scale = min(0.5 * decay_1_s or math.inf, _OMEGA_RAD_S_MIN) * period_s
+    angle_rad = _spread(math.pi, scale, points)[0 if decay_1_s else 1 :]
     radius = math.exp(-decay_1_s * period_s)
-    angle_rad = _spread(math.pi, min(0.5 * decay_1_s, _OMEGA_RAD_S_MIN) * period_s, points)
     z = radius * np.exp(1j * angle_rad)
     poles = [np.linalg.eigvals(held_plant(model, period_ns, 0).a) for model in models]
-    outside = [int(np.count_nonzero(np.abs(each) > radius)) for each in poles]
-    return StabilityGrid(
-        radius, z, plant_responses(models, delays_ns, period_ns, z), np.array(outside)
-    )
+    outside = np.array([np.count_nonzero(np.abs(each) > radius) for each in poles])
+    return CircleGrid(angle_rad, z, plant_responses(models, delays_ns, period_ns, z), outside)
 
 
-def frequency_grid(
-    models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, points: int
-) -> FrequencyGrid:
-    """Return the grid for sensitivity and noise gain."""
-    angle_rad = _spread(math.pi, _OMEGA_RAD_S_MIN * period_ns / NS_PER_S, points)[1:]
-    z = np.exp(1j * angle_rad)
-    return FrequencyGrid(angle_rad, z, plant_responses(models, delays_ns, period_ns, z))
-
-
-def slow_poles(grid: StabilityGrid, design: LawDesign) -> IntArray:
+def slow_poles(grid: CircleGrid, design: LawDesign) -> IntArray:
     """Return how many modes of each loop decay no faster than σ, shape (corners, delays)."""
     distance = 1.0 - fed_back(grid.plants, triangular_law(design).response(grid.z))
     # From ω = 0 to π; the lower half of the circle adds as many turns again.
     turns = np.angle(distance[..., 1:] / distance[..., :-1]).sum(axis=-1) / math.pi
     poles = np.abs(triangular_law(design).poles)
-    open_loop = grid.poles_outside[:, None] + int(np.count_nonzero(poles > grid.radius))
+    open_loop = grid.poles_outside[:, None] + int(np.count_nonzero(poles > abs(grid.z[0])))
     return np.asarray(open_loop - np.rint(turns), dtype=np.int64)
 
 
-def loop_figures(grid: FrequencyGrid, design: LawDesign) -> LoopFigures:
+def loop_figures(grid: CircleGrid, design: LawDesign) -> LoopFigures:
     """Return the figures of a law around every plant of the grid; meaningless if unstable."""
     law = triangular_law(design).response(grid.z)
-    sensitivity = sensitivity_size(grid, law)
+    sensitivity = 1.0 / np.abs(1.0 - fed_back(grid.plants, law))
     size = np.abs(law[0])
     if len(law) > 1:
         size = np.hypot(size, HEADING_NOISE_1_M * np.abs(law[1]))
@@ -145,11 +130,6 @@ def loop_figures(grid: FrequencyGrid, design: LawDesign) -> LoopFigures:
     # Below the first point the power is taken as constant.
     mean += power[..., 0] * grid.angle_rad[0] / math.pi
     return LoopFigures(_peak(sensitivity), np.sqrt(mean))
-
-
-def sensitivity_size(grid: FrequencyGrid, law: ComplexArray) -> FloatArray:
-    """Return |1/(1 + L)| at every point, shape (corners, delays, Z)."""
-    return np.asarray(1.0 / np.abs(1.0 - fed_back(grid.plants, law)), dtype=np.float64)
 
 
 def _peak(size: FloatArray) -> FloatArray:

@@ -145,10 +145,10 @@ def _run(options: argparse.Namespace) -> int:
     ]
     record = [row._asdict() | {"unstable": [r._asdict() for r in row.unstable]} for row in rows]
     title = f"first unstable round trip [ms], {options.preset}, cycle {options.cycle_ms:g} ms"
-    tables = [result_table(rows, options.speeds_km_h, title)]
+    tables = [_table(rows, options.speeds_km_h, title)]
     for place, at_ms in enumerate(options.jitter_at):
         title = f"tolerated jitter [ms] above a round trip of {at_ms:g} ms"
-        tables.append(_table(rows, options.speeds_km_h, title, partial(_jitter, place)))
+        tables.append(_table(rows, options.speeds_km_h, title, place))
     show = partial(plain_console().print, *tables, sep="\n")
     show_or_write(options.json, {"preset": options.preset, "loops": record}, show)
     if options.plot is not None:
@@ -241,34 +241,29 @@ def _rack(options: argparse.Namespace) -> Rack:
     return Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio, lag_s=lag_s)
 
 
-def result_table(rows: Sequence[Row], speeds_km_h: Sequence[float], title: str) -> Table:
-    """Return a line for each torque gradient and grip, a column for each speed."""
-    return _table(rows, speeds_km_h, title, _cell, has_passive=True)
-
-
 def _table(
-    rows: Sequence[Row],
-    speeds_km_h: Sequence[float],
-    title: str,
-    cell: Callable[[Row], str],
-    *,
-    has_passive: bool = False,
+    rows: Sequence[Row], speeds_km_h: Sequence[float], title: str, jitter_at: int | None = None
 ) -> Table:
+    """Return a line for each torque gradient and grip, a column for each speed.
+
+    ``jitter_at``  shows the jitter at this round trip in place of the first unstable one
+    """
+    has_passive = jitter_at is None
     columns = [*(f"{v:g} km/h" for v in speeds_km_h), *["passive"] * has_passive]
     table = plain_table(("gradient [N m/rad]", "grip"), columns, title)
     for first in range(0, len(rows), len(speeds_km_h)):
         line = rows[first : first + len(speeds_km_h)]
         gradient, grip = f"{line[0].torque_gradient_n_m:g}", line[0].grip.replace("_", " ")
-        passive = [f"{1e3 * line[0].passive_s:.0f}"] * has_passive
-        table.add_row(gradient, grip, *map(cell, line), *passive)
+        cells = (
+            _cell(r) if jitter_at is None else f"{1e3 * r.jitter_s[jitter_at]:.1f}" for r in line
+        )
+        table.add_row(gradient, grip, *cells, *[f"{1e3 * line[0].passive_s:.0f}"] * has_passive)
     return table
 
 
-def _jitter(place: int, row: Row) -> str:
-    return f"{1e3 * row.jitter_s[place]:.1f}"
-
-
-def _cell(row: Row) -> str:
+def _cell(row: Row, jitter_at: int | None) -> str:
+    if jitter_at is not None:
+        return f"{1e3 * row.jitter_s[jitter_at]:.1f}"
     if not row.unstable:
         return "never"
     again = "" if row.unstable[0].end_s is None else ", again"

@@ -6,24 +6,24 @@ from collections.abc import Callable, Sequence
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from .result import Comparison, Reproduction, Verdict
 
-_MARKS = {
-    Verdict.REPRODUCED: "good",
-    Verdict.WITH_CORRECTION: "fair",
-    Verdict.ONE_READING: "fair",
-    Verdict.CLAIM_ONLY: "fair",
-    Verdict.NOT_REPRODUCIBLE: "poor",
-}
-
 _AGREES = {True: Cell("yes", "good"), False: Cell("no", "poor"), None: Cell("-")}
 
-_MEANING = {
-    Verdict.REPRODUCED: "what the paper prints gives what it says",
-    Verdict.WITH_CORRECTION: "it does, once a misprint is mended or something every implementation "
-    "needs is supplied; the correction is spelt out",
-    Verdict.ONE_READING: "it does so in one of the ways in which the text can be read",
-    Verdict.CLAIM_ONLY: "what the text says holds, but not all numbers that it prints come out",
-    Verdict.NOT_REPRODUCIBLE: "the text leaves out what would be needed, or what it prints gives "
-    "something else",
+_MARKS_AND_MEANINGS = {
+    Verdict.REPRODUCED: ("good", "what the paper prints gives what it says"),
+    Verdict.WITH_CORRECTION: (
+        "fair",
+        "it does, once a misprint is mended or something every implementation needs is supplied;"
+        " the correction is spelt out",
+    ),
+    Verdict.ONE_READING: ("fair", "it does so in one of the ways in which the text can be read"),
+    Verdict.CLAIM_ONLY: (
+        "fair",
+        "what the text says holds, but not all numbers that it prints come out",
+    ),
+    Verdict.NOT_REPRODUCIBLE: (
+        "poor",
+        "the text leaves out what would be needed, or what it prints gives something else",
+    ),
 }
 
 _ABOUT = (
@@ -68,7 +68,7 @@ def _meanings(written: Sequence[Reproduction]) -> Table:
             Cell(meaning),
             number(str(sum(item.verdict is verdict for item in written))),
         )
-        for verdict, meaning in _MEANING.items()
+        for verdict, (_, meaning) in _MARKS_AND_MEANINGS.items()
     ]
     return Table(("Verdict", "Means", "Here"), rows)
 
@@ -106,4 +106,4 @@ def _lines(text: str) -> Cell:
 
 
 def _verdict(verdict: Verdict) -> Cell:
-    return Cell(verdict, _MARKS[verdict])
+    return Cell(verdict, _MARKS_AND_MEANINGS[verdict][0])

@@ -35,11 +35,10 @@ from steer_by_wire.plant_emulator.vehicle.settings import ActuatorSettings, Vehi
 from steer_by_wire.tools.design.demands import course_grid
 from steer_by_wire.tools.design.loop_figures import (
     behind_lag,
-    frequency_grid,
+    circle_grid,
     loop_figures,
     plant_responses,
     slow_poles,
-    stability_grid,
 )
 from steer_by_wire.tools.design.tracking import (
     deviation_m,
@@ -244,7 +243,7 @@ def test_the_count_of_slow_poles_is_that_of_the_eigenvalues(
 ) -> None:
     design = ddob(k_p, 0.3 * k_d, n, dob, cdob, washout)
     delays_ns = [0, 85 * MS_NS, 250 * MS_NS]
-    grid = stability_grid(MODELS[2:], delays_ns, PERIOD_NS, decay_1_s, 400)
+    grid = circle_grid(MODELS[2:], delays_ns, PERIOD_NS, 400, decay_1_s)
     counted = slow_poles(grid, design)
     angle_rad = np.angle(grid.z)
     for row, model in zip(counted, MODELS[2:], strict=True):
@@ -263,7 +262,7 @@ def test_the_count_of_slow_poles_is_that_of_the_eigenvalues(
 def test_the_figures_of_a_loop_are_those_of_its_signals(law: str, delay_ns: int) -> None:
     design, rates = design_law(preset(law)), LoopDelayParams(PERIOD_NS, PERIOD_NS, 50.0)
     signals = PeriodicLoop(design, rates, LoopModel(CORNERS[2]))
-    found = loop_figures(frequency_grid([MODELS[2]], [delay_ns], PERIOD_NS, 800), design)
+    found = loop_figures(circle_grid([MODELS[2]], [delay_ns], PERIOD_NS, 800), design)
     peak, noise_rad_m = (float(figure[0, 0]) for figure in found)
     assert peak == pytest.approx(signals.peak_sensitivity(delay_ns), rel=5e-3)
     assert noise_rad_m == pytest.approx(signals.noise_gain_rad_m(delay_ns), rel=2e-3)
