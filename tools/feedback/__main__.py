@@ -254,9 +254,7 @@ def _table(
     for first in range(0, len(rows), len(speeds_km_h)):
         line = rows[first : first + len(speeds_km_h)]
         gradient, grip = f"{line[0].torque_gradient_n_m:g}", line[0].grip.replace("_", " ")
-        cells = (
-            _cell(r) if jitter_at is None else f"{1e3 * r.jitter_s[jitter_at]:.1f}" for r in line
-        )
+        cells = [_cell(row, jitter_at) for row in line]
         table.add_row(gradient, grip, *cells, *[f"{1e3 * line[0].passive_s:.0f}"] * has_passive)
     return table
 
