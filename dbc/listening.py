@@ -52,7 +52,6 @@ class Listening(NamedTuple):
 
     ``listed``        the messages on it, by their names there
     ``from_plant``    identifiers of the plant's frames
-    ``kept_ids``      identifiers of our own messages that are on it
     ``signals``       of a car, ``MESSAGE.SIGNAL``, by the quantity that it carries
     ``names``         of a car's messages, by the name of ours that they stand for
     ``car_messages``  of a car, by name: its ``CarMessage``
@@ -62,7 +61,6 @@ class Listening(NamedTuple):
 
     listed: Mapping[str, Listed]
     from_plant: frozenset[int]
-    kept_ids: frozenset[int]
     signals: Mapping[str, str] = MappingProxyType({})
     names: Mapping[str, str] = MappingProxyType({})
     car_messages: Mapping[str, Any] = MappingProxyType({})
@@ -73,6 +71,5 @@ class Listening(NamedTuple):
 OUR_MESSAGES = Listening(
     {name: Listed(CAN_IDS[it], CYCLE_TIMES_MS[it]) for name, it in MESSAGE_TYPES.items()},
     frozenset(CAN_IDS[kind] for kind in sent_by("PLANT")),
-    frozenset(CAN_IDS.values()),
 )
 """A bus with our own messages: every frame says what it is. It counts nothing, so all share it."""

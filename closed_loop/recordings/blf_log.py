@@ -5,16 +5,15 @@ Where objects make no sense, that counts once; reading goes on at the next, in b
 
 import struct
 import zlib
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Final
+from collections.abc import Callable, Iterator
+from typing import BinaryIO, Final
 
 from can.io import blf
 from can.util import dlc2len
 
 from ...runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from ...runtime.node import NS_PER_S
-from .log_state import LogError, Logged, LogState, logged
+from .logged import LogError, Logged, logged
 
 SIZE_MAX = 1 << 24
 """Most that a container unpacks to, or that an object spans [bytes]; their writers pack 128 KiB."""
@@ -34,27 +33,34 @@ REQUEST = 2
 """Direction of a request to send, which was not on the bus."""
 
 
-class BlfLog(LogState):
-    """The frames of a .blf log, and what could not be read of it."""
+class BlfReader:
+    """Reads the frames of a .blf log.
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
+    ``size``   of the file [bytes]
+    ``count``  takes why something could not be read
+
+    ``cut_off``  why something is missing at the end, once that is reached
+
+    Raises LogError for a file without the header of the format.
+    """
+
+    def __init__(self, file: BinaryIO, size: int, count: Callable[[str], None]) -> None:
+        self._file, self._size, self._count, self.cut_off = file, size, count, ""
         try:
-            head = blf.FILE_HEADER_STRUCT.unpack(self._raw.read(blf.FILE_HEADER_STRUCT.size))
+            head = blf.FILE_HEADER_STRUCT.unpack(file.read(blf.FILE_HEADER_STRUCT.size))
             if head[0] != b"LOGG":
-                raise ValueError("it does not begin with LOGG")
+                raise ValueError
+            self._start_ns = round(blf.systemtime_to_timestamp(head[14:22]) * NS_PER_S)
         except (struct.error, ValueError) as error:
-            self.close()
-            raise LogError(f"{path}: no .blf file: its header is damaged or missing") from error
+            raise LogError("no .blf file: its header is damaged or missing") from error
         self._whole_size = head[10]
-        self._start_ns = round(blf.systemtime_to_timestamp(head[14:22]) * NS_PER_S)
-        self._raw.seek(head[1])
-        self._unpacked = _Objects(self)
+        file.seek(head[1])
+        self._unpacked = _Objects(count)
 
     def frames(self) -> Iterator[Logged]:
         """Yield the frames."""
-        packed = _Objects(self)
-        while data := self._raw.read(_READ_SIZE):
+        packed = _Objects(self._count)
+        while data := self._file.read(_READ_SIZE):
             for kind, content in packed.objects_in(data):
                 yield from self._frames_in(kind, content)
         for kind, content in packed.end():
@@ -73,20 +79,20 @@ class BlfLog(LogState):
         for inner in self._unpacked.objects_in(unpacked):
             yield from self._frame(*inner)
         if damage:
-            self.count_unreadable(f"{len(content)} bytes in a container: {damage}")
+            self._count(f"{len(content)} bytes in a container: {damage}")
             for inner in self._unpacked.end():
                 yield from self._frame(*inner)
-            self._unpacked = _Objects(self, is_counted=True)
+            self._unpacked = _Objects(self._count, is_counted=True)
 
     def _frame(self, kind: int, content: bytes) -> Iterator[Logged]:
         if kind not in _FRAME_KINDS:
             if not 0 < kind <= _KIND_MAX:
-                self.count_unreadable(f"no object has the type {kind}")
+                self._count(f"no object has the type {kind}")
             return
         try:
             taken = self._read(kind, content)
         except (ValueError, IndexError, struct.error):
-            self.count_unreadable(f"no frame: an object of type {kind}, {len(content)} bytes long")
+            self._count(f"no frame: an object of type {kind}, {len(content)} bytes long")
         else:
             if taken is not None:
                 yield taken
@@ -153,9 +159,9 @@ class _Objects:
     ``left``  the beginning of one that is not there yet
     """
 
-    def __init__(self, state: LogState, *, is_counted: bool = False) -> None:
+    def __init__(self, count: Callable[[str], None], *, is_counted: bool = False) -> None:
         """``is_counted``: the first bytes belong to an object that was counted as unreadable."""
-        self._state, self._is_counted, self.left = state, is_counted, b""
+        self._count, self._is_counted, self.left = count, is_counted, b""
         self._why = ""
 
     def objects_in(self, piece: bytes, *, is_end: bool = False) -> Iterator[tuple[int, bytes]]:
@@ -207,5 +213,5 @@ class _Objects:
 
     def _count_lost(self) -> None:
         if self._why and not self._is_counted:
-            self._state.count_unreadable(self._why)
+            self._count(self._why)
         self._why, self._is_counted = "", False

@@ -11,14 +11,25 @@
 import re
 from datetime import datetime
 
-from ...runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
+from ...runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from ...runtime.node import NS_PER_S
-from ...runtime.recording.candump import parse_entry
-from .log_state import Logged, logged
+from ...runtime.recording.candump import CAN_ERR_FLAG, CANFD_BRS
+from .logged import Logged, logged
 
-_CAN_ERR_FLAG = 0x20000000
 _COLOURS = re.compile("\x1b\\[[0-9;]*m")  # candump -c
-_PLAIN = re.compile(
+_LOGGED = re.compile(
+    r"""\(([0-9]{1,12}\.[0-9]{1,9})\)\s+(\S+)\s+      # time, channel
+        ([0-9A-F]{3}|[0-9A-F]{8})\#                  # identifier
+        (?: (R)[0-8]?(?:_[9A-F])?                    # remote frame, length asked for
+          | \#([0-9A-F])((?:[0-9A-F]{2}){0,64})      # FD flags and payload
+          | ((?:[0-9A-F]{2}){0,8})(?:_[9A-F])?       # payload, raw length code
+        )(?:\s+[RT])?                                # direction (candump -x, python-can)
+    """,
+    re.ASCII | re.IGNORECASE | re.VERBOSE,
+)
+"""Without the requested length of a remote frame, the error state of an FD sender and a raw length
+code above 8: a Frame has none of them."""
+_PRINTED = re.compile(
     r"""\s*(?:\(([^)]+)\)\s+)?              # time
         (\S+)\s+                             # channel
         (?:(?:RX|TX)\s+[B-]\s[E-]\s+)?       # candump -x
@@ -42,15 +53,25 @@ class CandumpReader:
         line = _COLOURS.sub("", line)
         if not line.strip() or (self._is_error and line.startswith("\t")):  # words: candump -e
             return None
-        entry = parse_entry(line)
-        taken = _plain(line) if entry is None else logged(*entry)
+        match = _LOGGED.fullmatch(line.strip())
+        taken = _printed(line) if match is None else _logged(*match.groups())
         self._is_error = bool(taken.frame.flags & ERROR)
         return taken
 
 
-def _plain(line: str) -> Logged:
+def _logged(
+    stamp: str, channel: str, identifier: str, remote: str, fd_flags: str, fd: str, payload: str
+) -> Logged:
+    """Return the frame of a line of ``candump -L``."""
+    flags = REMOTE if remote else 0
+    if fd_flags:
+        flags = FD | (BITRATE_SWITCH if int(fd_flags, 16) & CANFD_BRS else 0)
+    return _taken(stamp, channel, identifier, bytes.fromhex(fd or payload or ""), flags)
+
+
+def _printed(line: str) -> Logged:
     """Read a line as candump prints it without -L; ValueError if it is no frame."""
-    match = _PLAIN.fullmatch(line)
+    match = _PRINTED.fullmatch(line)
     if match is None:
         raise ValueError
     stamp, channel, identifier, length, code, remote, payload = match.groups()
@@ -60,14 +81,17 @@ def _plain(line: str) -> Logged:
     data = bytes(int(word, 2 if len(word) == 8 else 16) for word in words)
     if "`" in (payload or ""):
         data = data[::-1]
-    can_id = int(identifier, 16)
-    flags = FD if length and len(length) == 2 else 0
-    if len(identifier) == 8:
-        flags |= ERROR if can_id & _CAN_ERR_FLAG else EXTENDED
-        can_id &= ~_CAN_ERR_FLAG
-    flags |= REMOTE if remote else 0
     if not remote and len(data) != (int(length) if length else min(int(code, 16), 8)):
         raise ValueError
+    flags = FD if length and len(length) == 2 else 0
+    return _taken(stamp, channel, identifier, data, flags | (REMOTE if remote else 0))
+
+
+def _taken(stamp: str | None, channel: str, identifier: str, data: bytes, flags: int) -> Logged:
+    can_id = int(identifier, 16)
+    if len(identifier) == 8:
+        flags |= ERROR if can_id & CAN_ERR_FLAG else EXTENDED
+        can_id &= ~CAN_ERR_FLAG
     return logged(_time_ns(stamp) if stamp else None, channel, Frame(can_id, data, flags))
 
 

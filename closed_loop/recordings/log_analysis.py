@@ -18,7 +18,8 @@ from .durations import Durations, History
 from .held_path import PREVIEW_M, CgDeviation, HeldPath
 from .latency_and_jitter import Latencies
 from .log_file import OF_LOCAL_TIME, open_log
-from .log_state import LogError, TimeAxis
+from .logged import LogError
+from .time_axis import TimeAxis
 
 BACKWARDS_SHARE_MAX = 0.01
 """Of frames whose time runs backwards; a recorder of several channels may swap neighbours."""
@@ -343,17 +344,17 @@ def analyse_files(
         with closing(iter(log)) as logged:  # also where a signal ends it
             for number, (time_ns, its_channel, frame) in enumerate(logged):
                 if number % PROGRESS_FRAMES == 0:
-                    advance(str(path), log.state.fraction_read)
+                    advance(str(path), log.fraction_read)
                 channels[its_channel] = None
                 if channel not in (None, its_channel):
                     continue
                 taken = analysis.on_frame(time_ns, frame)
                 for export in exports:
                     export.write(taken)
-        unreadable += log.state.unreadable
-        first_unreadable = first_unreadable or log.state.first_unreadable
-        if log.state.cut_off:
-            cut_off = cut_off or f"{path.name}: {log.state.cut_off}"
+        unreadable += log.unreadable
+        first_unreadable = first_unreadable or log.first_unreadable
+        if log.cut_off:
+            cut_off = cut_off or f"{path.name}: {log.cut_off}"
     figures = {
         "files": [printable(str(path)) for path in paths],
         "channels": sorted(filter(None, channels)),

@@ -13,7 +13,7 @@ from can.util import dlc2len
 
 from ...runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S, NS_PER_US
-from .log_state import LogError, Logged, NoFrameError, logged
+from .logged import LogError, Logged, NoFrameError, logged
 
 _HEXADECIMAL = re.compile(r"[0-9A-Fa-f]+", re.ASCII)
 

@@ -12,7 +12,7 @@ from ...dbc.listening import Listening
 from ...dbc.messages import CAN_IDS, CYCLE_TIMES_MS, SteeringCommand, SteeringPlan
 from ...runtime.node import NS_PER_S
 from ..recordings.log_file import open_log
-from ..recordings.log_state import LogError
+from ..recordings.logged import LogError
 
 DBC_RATE_HZ = 1000.0 / CYCLE_TIMES_MS[SteeringCommand]
 RATE_SHARES = (0.6, 1.6)

@@ -9,6 +9,8 @@ from .dialect import Dialect
 from .quantities import SAID_BY
 from .reader import CarReader
 
+_OUR_IDS = frozenset(ours.CAN_IDS.values())
+
 
 def listening_to(dialect: Dialect) -> Listening:
     """Return a listener that reads frames as both nodes would; it can measure no round trip."""
@@ -30,7 +32,7 @@ def listening_to(dialect: Dialect) -> Listening:
     def hear(frame: Frame, now_ns: int) -> Heard:
         message = reader.message_of(frame)
         if message is None:
-            is_kept = frame.can_id in dialect.kept_ids or frame.can_id not in OUR_MESSAGES.kept_ids
+            is_kept = frame.can_id in dialect.kept_ids or frame.can_id not in _OUR_IDS
             if is_kept:
                 _note(reader, frame)
             return Heard((frame,) if is_kept else (), is_foreign=not is_kept)
@@ -47,7 +49,6 @@ def listening_to(dialect: Dialect) -> Listening:
     return Listening(
         {**of_car, **kept},
         OUR_MESSAGES.from_plant & dialect.kept_ids | of_plant,
-        dialect.kept_ids,
         signals,
         names,
         {one.name: one for one in messages},

@@ -29,15 +29,6 @@ class AddressError(UserError):
     exit_status = ExitStatus.BUS
 
 
-class UnixAddress(NamedTuple):
-    """A socket in the file system."""
-
-    path: Path
-
-    def __str__(self) -> str:
-        return str(self.path)
-
-
 class TcpAddress(NamedTuple):
     """A port of the loopback; port 0 takes a free one."""
 
@@ -48,7 +39,8 @@ class TcpAddress(NamedTuple):
         return f"{self.host}:{self.port}"
 
 
-Address = UnixAddress | TcpAddress
+Address = Path | TcpAddress
+"""A socket in the file system, or a port."""
 
 
 def parse_address(text: str) -> Address:
@@ -57,7 +49,7 @@ def parse_address(text: str) -> Address:
     if not colon or "/" in text or not port.isdecimal() or len(port) > _PORT_DIGITS_MAX:
         if not hasattr(socket, "AF_UNIX"):
             raise AddressError(f"no Unix sockets here, give 127.0.0.1:PORT instead of {text!r}")
-        return UnixAddress(Path(text))
+        return Path(text)
     host = "127.0.0.1" if host == "localhost" else host
     try:
         is_loopback = ipaddress.IPv4Address(host).is_loopback
@@ -79,21 +71,17 @@ def default_address() -> Address:
         directory = Path(tempfile.gettempdir()) / f"emulated-can-bus-{os.getuid()}"
     if directory.exists():
         _check_private(directory)
-    return UnixAddress(directory / "socket")
+    return directory / "socket"
 
 
 def connect(address: Address, timeout_s: float) -> socket.socket:
     """Connect to a broker; raises OSError when none listens."""
-    if isinstance(address, UnixAddress):
-        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        target: str | tuple[str, int] = str(address)
-    else:
-        connection = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        target = (address.host, address.port)
+    connection = socket.socket(_family_of(address), socket.SOCK_STREAM)
     try:
         connection.settimeout(timeout_s)
-        connection.connect(target)
+        if isinstance(address, TcpAddress):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.connect(_bindable(address))
     except OSError:
         connection.close()
         raise
@@ -109,12 +97,14 @@ def listening(address: Address) -> Iterator[socket.socket]:
     """
     with ExitStack() as stack:
         try:
-            if isinstance(address, UnixAddress):
-                stack.enter_context(_locked(address.path))
-                _check_closed(address.path.parent)
-                listener = stack.enter_context(_unix_listener(address.path))
-            else:
-                listener = stack.enter_context(_tcp_listener(address))
+            if isinstance(address, Path):
+                stack.enter_context(_locked(address))
+                _check_closed(address.parent)
+                _remove_abandoned(address)
+            listener = stack.enter_context(socket.socket(_family_of(address), socket.SOCK_STREAM))
+            _listen(listener, address)
+            if isinstance(address, Path):
+                stack.callback(address.unlink, missing_ok=True)
         except OSError as error:
             raise AddressError(f"cannot listen at {address}: {error.strerror or error}") from error
         yield listener
@@ -130,7 +120,7 @@ def _locked(path: Path) -> Iterator[None]:
     """
     import fcntl  # does not exist where there are no Unix sockets
 
-    if path == getattr(default_address(), "path", None):
+    if path == default_address():
         path.parent.mkdir(mode=0o700, exist_ok=True)
         _check_private(path.parent)
     lock = os.open(f"{path}.lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
@@ -144,34 +134,32 @@ def _locked(path: Path) -> Iterator[None]:
         os.close(lock)
 
 
-@contextmanager
-def _unix_listener(path: Path) -> Iterator[socket.socket]:
+def _remove_abandoned(path: Path) -> None:
     with suppress(FileNotFoundError):
         if not stat.S_ISSOCK(path.lstat().st_mode):
             raise AddressError(f"{path} exists and is not a socket")
         path.unlink()
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
-        # The mode has to be right from the start: between bind and chmod others could connect.
-        umask = os.umask(0o177)
-        try:
-            listener.bind(str(path))
-        finally:
-            os.umask(umask)
-        try:
-            listener.listen(_BACKLOG)
-            yield listener
-        finally:
-            path.unlink(missing_ok=True)
 
 
-@contextmanager
-def _tcp_listener(address: TcpAddress) -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
+def _listen(listener: socket.socket, address: Address) -> None:
+    if isinstance(address, TcpAddress):
         # Otherwise connections of an ended broker block the port for a minute.
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((address.host, address.port))
-        listener.listen(_BACKLOG)
-        yield listener
+    # The mode has to be right from the start: between bind and chmod others could connect.
+    umask = os.umask(0o177)
+    try:
+        listener.bind(_bindable(address))
+    finally:
+        os.umask(umask)
+    listener.listen(_BACKLOG)
+
+
+def _family_of(address: Address) -> socket.AddressFamily:
+    return socket.AF_INET if isinstance(address, TcpAddress) else socket.AF_UNIX
+
+
+def _bindable(address: Address) -> str | TcpAddress:
+    return address if isinstance(address, TcpAddress) else str(address)
 
 
 def _check_private(directory: Path) -> None:

@@ -17,6 +17,7 @@ import select
 import socket
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 from ..node import NEVER_NS, NS_PER_S
 from .broker_connection import Cause, Connection, ConnectionLostError
@@ -61,8 +62,6 @@ class Broker:
         # Time stamps count from here: a second on the bus stays a second, whatever sets the clock.
         self._to_wall_clock_ns = time.time_ns() - time.monotonic_ns()
         self.clients: set[Connection] = set()
-        self._readers: set[Connection] = set()
-        self._writers: set[Connection] = set()
         self._most = self._served = self.held_back = 0
         self.channels: dict[str, Channel] = {}
 
@@ -70,7 +69,7 @@ class Broker:
         """Return in one line what it has carried and whom it has disconnected."""
         parts = [f"ran {duration_ns / NS_PER_S:.1f} s"]
         for name, channel in sorted(self.channels.items()):
-            load = channel.load
+            load = channel.model.load
             parts.append(f"{name} {load.frames} frames, load {load.busy_ns / duration_ns:.1%}")
         parts.append(f"{self._served} clients, {self._most} at once")
         gone = [
@@ -95,8 +94,10 @@ class Broker:
 
     def serve(self, timeout_s: float | None, ends: Sequence[int] = ()) -> bool:
         """Wait at most ``timeout_s`` for something to do, and do it; returns False at the end."""
-        sources: list[int | socket.socket | Connection] = [*self._readers, *ends, self._listener]
-        readable, writable, _ = select.select(sources, self._writers, (), timeout_s)
+        readers = [client for client in self.clients if not client.is_held_back]
+        writers = [client for client in self.clients if client.has_outgoing]
+        sources: list[int | socket.socket | Connection] = [*readers, *ends, self._listener]
+        readable, writable, _ = select.select(sources, writers, (), timeout_s)
         now_ns = self._clock_ns()
         # First what has been complete until now: what is read below competes only from now on.
         for channel in self.channels.values():
@@ -107,11 +108,10 @@ class Broker:
                 return False
             if isinstance(source, socket.socket):
                 self._accept()
-            elif source in self._readers:
-                self._read(source, now_ns)
+            elif not source.is_held_back:
+                self._attend(source, now_ns, is_readable=True)
         for client in writable:
-            if client in self._writers:
-                self._flush(client)
+            self._attend(client, now_ns)
         return True
 
     def _timeout_s(self) -> float | None:
@@ -125,10 +125,8 @@ class Broker:
         for delivery in channel.advance(now_ns):
             channel.queue(delivery, delivery[0] + self._to_wall_clock_ns)
         for member in tuple(channel.members.values()):
-            if member.has_outgoing:
-                self._flush(member)
-            if member.is_held_back and member in self.clients:
-                self._submit(member, now_ns)
+            if member.has_outgoing or member.is_held_back:
+                self._attend(member, now_ns)
 
     def _accept(self) -> None:
         try:
@@ -143,41 +141,45 @@ class Broker:
         self.clients.add(client)
         if others >= CLIENTS_MAX:
             self._refuse(client, f"it has {others} clients already")
-            return
-        self._most = max(self._most, others + 1)
-        self._readers.add(client)
+        else:
+            self._most = max(self._most, others + 1)
 
-    def _read(self, client: Connection, now_ns: int) -> None:
+    def _attend(self, client: Connection, now_ns: int, *, is_readable: bool = False) -> None:
+        """Read, put on the bus and write what there is of a client that has not left before.
+
+        As many of its frames are put there as may wait. It is read again only when all are there;
+        that bounds what waits here for it.
+        """
+        if client not in self.clients:
+            return
         try:
-            client.read()
-            if client.hello is None:
-                hello = client.read_hello()
-                if hello is None:
+            if is_readable:
+                client.read()
+            if client.hello is None and (hello := client.read_hello()) is not None:
+                if reason := self._obstacle(hello):
+                    self._refuse(client, reason)
                     return
-                self._welcome(client, hello, now_ns)
+                self._welcome(client, hello.channel, now_ns)
+            if client.hello is not None:
+                was_held_back = client.is_held_back
+                client.is_held_back = not self.channels[client.hello.channel].submit(client, now_ns)
+                self.held_back += client.is_held_back and not was_held_back
+            if client.has_outgoing:
+                client.flush()
         except ConnectionLostError as reason:
             self._drop(client, reason.cause, str(reason))
-            return
         except ProtocolError as reason:
             self._drop(client, Cause.GARBAGE, str(reason))
-            return
-        if client in self.clients:
-            self._submit(client, now_ns)
 
-    def _welcome(self, client: Connection, hello: Hello, now_ns: int) -> None:
-        reason = self._obstacle(hello)
-        if reason:
-            self._refuse(client, reason)
-            return
-        if hello.channel not in self.channels:
+    def _welcome(self, client: Connection, name: str, now_ns: int) -> None:
+        if name not in self.channels:
             # Each with phases of its own; those of the first are those of virtual time.
             seed = self._traffic.seed + _SEED_STEP * len(self.channels)
             rates = self._bitrate_bit_s, self._data_bitrate_bit_s
             traffic = self._traffic._replace(seed=seed)
-            self.channels[hello.channel] = Channel(*rates, traffic, now_ns)
-        self.channels[hello.channel].join(client)
-        client.queue(self._answer("").pack())
-        self._flush(client)
+            self.channels[name] = Channel(*rates, traffic, now_ns)
+        self.channels[name].members[client.number] = client
+        client.queue(self._answer(""))
 
     def _obstacle(self, hello: Hello) -> str:
         """Why a client cannot join; empty when it can."""
@@ -193,56 +195,21 @@ class Broker:
             return f"it has {CHANNELS_MAX} channels already"
         return ""
 
-    def _answer(self, reason: str) -> Answer:
-        return Answer(self._bitrate_bit_s, self._data_bitrate_bit_s or 0, reason)
+    def _answer(self, reason: str) -> bytes:
+        return Answer(self._bitrate_bit_s, self._data_bitrate_bit_s or 0, reason).pack()
 
     def _refuse(self, client: Connection, reason: str) -> None:
-        client.queue(self._answer(reason).pack())
-        self._flush(client)
-        self._drop(client, Cause.REFUSED, f"refused: {reason}")
-
-    def _submit(self, client: Connection, now_ns: int) -> None:
-        """Put the frames a client has sent on its bus, as many as may wait there.
-
-        The client is read again only when all are there; that bounds what waits here for it.
-        """
-        if client.hello is None:
-            return
-        try:
-            has_all = self.channels[client.hello.channel].submit(client, now_ns)
-        except ProtocolError as reason:
-            self._drop(client, Cause.GARBAGE, str(reason))
-            return
-        if client.has_outgoing:
-            self._flush(client)
-        if client not in self.clients:
-            return
-        if has_all:
-            client.is_held_back = False
-            self._readers.add(client)
-        elif not client.is_held_back:
-            client.is_held_back = True
-            self.held_back += 1
-            self._readers.discard(client)
-
-    def _flush(self, client: Connection) -> None:
-        """Write what waits for a client, and come back when its socket takes more."""
-        try:
+        client.queue(self._answer(reason))
+        with suppress(ConnectionLostError):
             client.flush()
-        except ConnectionLostError as reason:
-            self._drop(client, reason.cause, str(reason))
-            return
-        (self._writers.add if client.has_outgoing else self._writers.discard)(client)
+        self._drop(client, Cause.REFUSED, f"refused: {reason}")
 
     def _drop(self, client: Connection, cause: Cause, detail: str) -> None:
         """Forget a client; what it has submitted still goes out."""
-        if client not in self.clients:
-            return
         self.disconnections[cause] += 1
         if cause is not Cause.LEFT:
             self._print_line(f"{client} leaves: {detail}")
-        for clients in (self.clients, self._readers, self._writers):
-            clients.discard(client)
+        self.clients.discard(client)
         if client.hello is not None and client.hello.channel in self.channels:
-            self.channels[client.hello.channel].leave(client)
+            self.channels[client.hello.channel].members.pop(client.number, None)
         client.close()

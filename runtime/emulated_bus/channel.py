@@ -8,7 +8,7 @@ that much late, with their right times. Bit errors belong to virtual time alone.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..bus_model.bus_model import BusLoad, BusModel
+from ..bus_model.bus_model import BusModel
 from ..bus_model.rest_bus import PeriodicMessage, RestBus
 from ..node import NEVER_NS, NS_PER_MS
 from ..node.virtual_time_loop import Delivered
@@ -30,7 +30,9 @@ NO_TRAFFIC = Traffic()
 
 
 class Channel:
-    """One bus and the clients on it, by their numbers.
+    """One bus, and as ``members`` the clients on it by their numbers.
+
+    A client that leaves is taken out; its frames are still sent.
 
     ``bitrate_bit_s``, ``data_bitrate_bit_s``  as in BusModel
     ``start_ns``                               when the time of its bus begins [ns]
@@ -45,23 +47,14 @@ class Channel:
     ) -> None:
         self.members: dict[int, Connection] = {}
         rest = RestBus(*traffic) if traffic.messages else None
-        self._model = BusModel(bitrate_bit_s, data_bitrate_bit_s, traffic=rest)
+        self.model = BusModel(bitrate_bit_s, data_bitrate_bit_s, traffic=rest)
         self._is_paced = rest is not None
         self._start_ns, self._pace_ns = (start_ns, start_ns) if self._is_paced else (0, NEVER_NS)
 
     @property
     def next_event_ns(self) -> int:
         """When the next frame is complete on the wire [ns]."""
-        return min(self._model.next_event_ns + self._start_ns, self._pace_ns)
-
-    @property
-    def load(self) -> BusLoad:
-        """Totals of the bus so far."""
-        return self._model.load
-
-    def join(self, client: Connection) -> None:
-        """Admit a client."""
-        self.members[client.number] = client
+        return min(self.model.next_event_ns + self._start_ns, self._pace_ns)
 
     def submit(self, client: Connection, now_ns: int) -> bool:
         """Submit a client's frames, as many as may wait; returns whether these were all.
@@ -74,7 +67,7 @@ class Channel:
             if frame is None:
                 return True
             try:
-                self._model.submit(frame, client.number, bus_ns)
+                self.model.submit(frame, client.number, bus_ns)
             except ValueError as error:
                 raise ProtocolError(str(error)) from error
             client.waiting += 1
@@ -83,7 +76,7 @@ class Channel:
     def advance(self, now_ns: int) -> list[Delivered]:
         """Return what is complete, and free the places of the clients' frames in their buffers."""
         bus_ns = now_ns - self._start_ns
-        completed = self._model.advance(bus_ns)
+        completed = self.model.advance(bus_ns)
         for _, sender, _ in completed:
             if (member := self.members.get(sender)) is not None:
                 member.waiting -= 1
@@ -98,7 +91,3 @@ class Channel:
         for member in self.members.values():
             if member.wants(frame, sender):
                 member.queue(pack_frame(member.record_bytes, frame, time_ns))
-
-    def leave(self, client: Connection) -> None:
-        """Remove a client; its frames are still sent."""
-        self.members.pop(client.number, None)

@@ -16,7 +16,7 @@ from threading import Thread
 import can
 
 from steer_by_wire.runtime.emulated_bus import protocol
-from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
+from steer_by_wire.runtime.emulated_bus.address import listening
 from steer_by_wire.runtime.emulated_bus.interface import EmulatedBus
 from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.frame import FD
@@ -50,7 +50,7 @@ def fuzz_bus_client(rng: Random) -> None:
     said = answer + noise_of(rng) if rng.random() < 0.9 else noise_of(rng)
     with ExitStack() as stack:
         address = Path(stack.enter_context(TemporaryDirectory())) / "socket"
-        listener = stack.enter_context(listening(UnixAddress(address)))
+        listener = stack.enter_context(listening(address))
         thread = Thread(target=_pose_as_broker, args=(listener, said), daemon=True)
         thread.start()
         stack.callback(thread.join)

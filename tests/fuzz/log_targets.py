@@ -17,7 +17,7 @@ from typing import Any
 import can
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.dbc.messages import (
     SteeringStatus,
     SteeringStatusCode,

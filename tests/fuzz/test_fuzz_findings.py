@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.codec.codec import ContractError, codecs_of
 from steer_by_wire.dbc.contract.dbc_file import layouts_of, parse_database

@@ -22,7 +22,7 @@ from rich.console import Console
 
 from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M
 from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_files
-from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language

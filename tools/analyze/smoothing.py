@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 from ...closed_loop.identification.bus_series import BusSamples
 from ...closed_loop.identification.steering import identify_steering
 from ...closed_loop.recordings.log_analysis import LoggedMessages
-from ...closed_loop.recordings.log_state import LogError
+from ...closed_loop.recordings.logged import LogError
 from ...closed_loop.reports.page import Picture
 from ...closed_loop.reports.plot_style import plot_style, png_of
 from ...controller.filters.settings import VehicleModelSettings

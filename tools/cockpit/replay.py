@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ...closed_loop.recordings.log_file import open_log
-from ...closed_loop.recordings.log_state import LogError
+from ...closed_loop.recordings.logged import LogError
 from ...closed_loop.recordings.status_lights import Light
 from ...closed_loop.reports.law_colours import LawLine, law_lines
 from ...dbc.listening import OUR_MESSAGES, Listening
@@ -44,8 +44,8 @@ def read_replay(
         for time_ns, its_channel, frame in log:
             if channel in (None, its_channel):
                 replay.on_frame(file, time_ns, frame)
-        if log.state.cut_off:
-            replay.cut_off = f", cut off: {file.name}: {log.state.cut_off}"
+        if log.cut_off:
+            replay.cut_off = f", cut off: {file.name}: {log.cut_off}"
     if not replay.has_begun:
         raise LogError(f"{files[0]}: no frame of this channel")
     names = ", ".join(file.name for file in files)

@@ -43,7 +43,7 @@ from steer_by_wire.closed_loop.identification.vehicle_file import (
     read_vehicle,
     vehicle_toml,
 )
-from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.closed_loop.reports.terminal import plain_console
 from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language

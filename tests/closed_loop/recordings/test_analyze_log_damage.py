@@ -12,10 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.recordings.logged import LogError, Logged
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import (
@@ -67,7 +66,7 @@ def test_a_damaged_line_is_counted_and_reported_and_costs_no_other(
     same_but_for_times(analyse(whole), {**figures, "unreadable": 0, "first_unreadable": ""})
 
 
-SHORT = [LogEntry(n * 10_000_000, "can0", Frame(0x100 + n, bytes([n] * 8))) for n in range(40)]
+SHORT = [Logged(n * 10_000_000, "can0", Frame(0x100 + n, bytes([n] * 8))) for n in range(40)]
 COUNTED_ENDS = (".blf", ".log.gz")
 """Formats that state their length."""
 
@@ -105,7 +104,7 @@ def test_a_log_that_is_cut_anywhere_says_so_and_has_no_frame_that_was_not_there(
     began = left.rpartition(b"\n")[2].strip()
     is_inside_a_line = began and content[len(left) :].lstrip(b"\r")[:1] != b"\n"
     if suffix in COUNTED_ENDS or is_inside_a_line:
-        assert log.state.cut_off or frames == wanted
+        assert log.cut_off or frames == wanted
 
 
 @pytest.mark.parametrize(
@@ -152,7 +151,7 @@ def test_frames_that_a_node_would_refuse_are_counted_by_cause(
 ) -> None:
     entries = entries_in(constant.log)
     places = [i for i, entry in enumerate(entries) if is_of(entry, "LATERAL_ERROR")]
-    changed: dict[int, list[LogEntry]] = {}
+    changed: dict[int, list[Logged]] = {}
     entry = entries[places[10]]
     changed[places[10]] = []  # lost
     broken = bytearray(entries[places[20]].frame.data)
@@ -248,4 +247,4 @@ def test_an_identifier_that_no_frame_has_is_damage_and_no_foreign_frame(
     is_extended = suffix == ".trc" and identifier > 0xFFFF
     is_one = 0 <= identifier < 1 << (29 if is_extended else 11)
     assert read == ([0x110, identifier] if is_one else [0x110])
-    assert log_file.state.unreadable == (not is_one)
+    assert log_file.unreadable == (not is_one)

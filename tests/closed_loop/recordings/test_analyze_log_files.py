@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
+from steer_by_wire.closed_loop.recordings.logged import Logged
 from steer_by_wire.closed_loop.reports.plot_style import png_of
 from steer_by_wire.dbc.messages import LateralError, encode
 from steer_by_wire.runtime.exit_status import ExitStatus
-from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.analyze import pictures
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.frames.made_messages import command_of, message_with
@@ -35,15 +35,15 @@ def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
     path = write_log(
         tmp_path / "run.log",
         [
-            LogEntry(5_000_000, "c", encode(command, 0)),
-            LogEntry(
+            Logged(5_000_000, "c", encode(command, 0)),
+            Logged(
                 7_500_000,
                 "c",
                 encode(
                     message_with(LateralError, lateral_error_m=-0.25, heading_error_rad=0.002), 0
                 ),
             ),
-            LogEntry(9_000_000, "c", encode(command._replace(steer_rad=0.2), 1)),
+            Logged(9_000_000, "c", encode(command._replace(steer_rad=0.2), 1)),
         ],
     )
     written(tmp_path / "out", path)

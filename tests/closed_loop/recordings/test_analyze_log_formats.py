@@ -6,9 +6,8 @@ import pytest
 
 from steer_by_wire.closed_loop.recordings.log_analysis import CG_DEVIATION
 from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.recordings.logged import LogError, Logged
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.recording.candump import LogEntry
 from tests.support.frames.recorded_frames import entries_in
 from tests.support.runs.logged_run import (
     analyse,
@@ -42,7 +41,7 @@ def test_a_log_of_another_format_is_to_be_converted(tmp_path: Path, suffix: str)
         open_log(tmp_path / f"run{suffix}")
 
 
-def plain(entry: LogEntry, stamp: str, marks: str = "") -> str:
+def plain(entry: Logged, stamp: str, marks: str = "") -> str:
     can_id, data, _ = entry.frame
     payload = " ".join(f"{byte:02X}" for byte in data)
     return f"{stamp}  vcan0  {marks}{can_id:03X}   [{len(data)}]  {payload}\n"
@@ -110,7 +109,7 @@ def test_lines_of_a_real_candump_are_read(tmp_path: Path, way: str) -> None:
     path.write_text(PRINTED_BY_CANDUMP[way].replace("|", " "))
     log = open_log(path)
     logged = list(log)
-    assert log.state.unreadable == 0
+    assert log.unreadable == 0
     flags = BITRATE_SWITCH if way in ("-L -x",) else 0
     assert [one.frame for one in logged] == [
         Frame(0x320, bytes.fromhex("2320032C016400")),

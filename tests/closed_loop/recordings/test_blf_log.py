@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.blf_log import SIZE_MAX
-from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.closed_loop.recordings.log_state import LogError, LogState
+from steer_by_wire.closed_loop.recordings.log_file import LogFile, open_log
+from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.runtime.frame import ERROR
 
 CONTAINER, COMMENT = 10, 65
@@ -50,11 +50,11 @@ def a_frame(number: int, time_ns: int = 0, direction: int = 0, kind: int = 1) ->
     return an_object(kind, struct.pack("<LHHq", 2, 0, 0, time_ns) + body, header_size=32)
 
 
-def read(path: Path, content: bytes) -> tuple[list[int], LogState]:
+def read(path: Path, content: bytes) -> tuple[list[int], LogFile]:
     """Identifiers of the frames; an error frame has none."""
     path.write_bytes(content)
     log = open_log(path)
-    return [one.frame.can_id for one in log if not one.frame.flags & ERROR], log.state
+    return [one.frame.can_id for one in log if not one.frame.flags & ERROR], log
 
 
 ENDLESS = an_object(COMMENT, bytes(1 << 20), 1 << 31)
@@ -78,8 +78,8 @@ def test_what_unpacks_to_too_much_is_counted_in_bounded_memory(
     try:
         if frames:
             assert len(list(log)) == frames
-            assert log.state.unreadable == 1
-            assert why in log.state.first_unreadable
+            assert log.unreadable == 1
+            assert why in log.first_unreadable
         else:
             with pytest.raises(LogError, match=why):
                 list(log)
@@ -141,4 +141,4 @@ def test_times_before_the_start_requests_and_error_frames(tmp_path: Path) -> Non
     assert [one.frame.flags for one in frames[2:]] == [ERROR] * 3
     times = [one.time_ns for one in frames[:2] if one.time_ns is not None]
     assert times[1] - times[0] == 410_000_000
-    assert (log.state.unreadable, log.state.cut_off) == (0, "")
+    assert (log.unreadable, log.cut_off) == (0, "")

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings import log_file
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.closed_loop.recordings.log_state import LogError, Logged, LogState
+from steer_by_wire.closed_loop.recordings.log_file import LogFile, open_log
+from steer_by_wire.closed_loop.recordings.logged import LogError, Logged
 from steer_by_wire.dbc.messages import Sender, SteeringStatus, SteeringStatusCode
 from steer_by_wire.runtime.frame import ERROR, Frame
 from tests.support.frames.made_messages import message_with
@@ -104,10 +104,10 @@ COUNT = 20
 FRAMES = [(0x100 + n, bytes([n] * 8)) for n in range(1, COUNT)]
 
 
-def read(path: Path, text: str, encoding: str = "utf-8") -> tuple[list[Logged], LogState]:
+def read(path: Path, text: str, encoding: str = "utf-8") -> tuple[list[Logged], LogFile]:
     path.write_bytes(text.encode(encoding))
     log = open_log(path)
-    return list(log), log.state
+    return list(log), log
 
 
 def frames(logged: list[Logged]) -> list[tuple[int, bytes]]:

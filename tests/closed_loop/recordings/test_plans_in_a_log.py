@@ -10,10 +10,10 @@ from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.recordings.bus_listener import BusListener, command_at
 from steer_by_wire.closed_loop.recordings.live_view import BusWatch
 from steer_by_wire.closed_loop.recordings.log_analysis import AnalysedLog, analyse_files
+from steer_by_wire.closed_loop.recordings.logged import Logged
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import SteeringCommand, SteeringPlan, SteeringStatus, encode
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.cockpit.sampler import Sampler
 from steer_by_wire.tools.cockpit.signals import NAMES
 from steer_by_wire.tools.monitor.screen import one_line
@@ -33,7 +33,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def entries(log: Path) -> Sequence[LogEntry]:
+def entries(log: Path) -> Sequence[Logged]:
     return entries_in(log)
 
 
@@ -65,7 +65,7 @@ def test_the_analysis_counts_plans_as_commands(analysed: AnalysedLog) -> None:
     assert figures["modes_s"]["ACTIVE"] > 7.0
 
 
-def test_the_cockpit_shows_as_in_effect_what_the_wheel_does(entries: Sequence[LogEntry]) -> None:
+def test_the_cockpit_shows_as_in_effect_what_the_wheel_does(entries: Sequence[Logged]) -> None:
     sampler = Sampler(0)
     rows = []
     for time_ns, _, frame in entries:
@@ -82,7 +82,7 @@ def test_the_cockpit_shows_as_in_effect_what_the_wheel_does(entries: Sequence[Lo
 
 
 def test_the_monitor_shows_a_plan_as_a_command_and_nothing_as_stale(
-    entries: Sequence[LogEntry],
+    entries: Sequence[Logged],
 ) -> None:
     watch = BusWatch(0)
     for time_ns, _, frame in entries:

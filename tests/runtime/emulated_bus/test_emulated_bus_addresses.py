@@ -10,7 +10,6 @@ import pytest
 from steer_by_wire.runtime.emulated_bus.address import (
     AddressError,
     TcpAddress,
-    UnixAddress,
     listening,
     parse_address,
 )
@@ -57,11 +56,11 @@ def test_a_directory_that_all_may_write_to_is_refused(directory: Path) -> None:
     directory.chmod(0o777)
     with (
         pytest.raises(AddressError, match="every user may write"),
-        listening(UnixAddress(directory / "socket")),
+        listening(directory / "socket"),
     ):
         pass
     directory.chmod(0o1777)  # as /tmp: only the owner of a file removes it
-    with listening(UnixAddress(directory / "socket")):
+    with listening(directory / "socket"):
         pass
 
 

@@ -67,7 +67,7 @@ def on_a_channel(
         outside.sendall(Hello("can0").pack())
         clients[number].read()
         clients[number].read_hello()
-        channel.join(clients[number])
+        channel.members[number] = clients[number]
     seen: Seen = []
     got: dict[int, list[Frame]] = {number: [] for number in ends}
 

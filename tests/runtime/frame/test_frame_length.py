@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steer_by_wire.closed_loop.recordings.candump_text import CandumpReader
 from steer_by_wire.runtime.frame import (
     BITRATE_SWITCH,
     ERROR,
@@ -19,7 +20,6 @@ from steer_by_wire.runtime.frame.length_with_stuff_bits import (
     crc15,
     frame_bits,
 )
-from steer_by_wire.runtime.recording.candump import parse_entry
 
 ENCODED = Path(__file__).with_name("encoded_frames.txt")
 """Frames as for cansend, their bits as a hexadecimal number, and how many.
@@ -63,7 +63,7 @@ def test_the_crc_is_the_catalogued_crc_15_can() -> None:
 @pytest.mark.parametrize("line", ENCODED.read_text("ascii").splitlines())
 def test_a_frame_is_as_long_as_from_a_public_encoder(line: str) -> None:
     text, _, length = line.split()
-    entry = parse_entry(f"(0.0) can {text}")
+    entry = CandumpReader()(f"(0.0) can {text}")
     assert entry is not None
     assert sum(frame_bits(entry.frame)) == int(length)
 

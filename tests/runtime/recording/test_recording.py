@@ -154,9 +154,9 @@ def test_a_torn_last_line_is_no_frame(tmp_path: Path, suffix: str) -> None:
         log = open_log(path)
         assert [logged.frame for logged in log] == frames[:-1]
         is_torn = bool(lines[last][:length].strip())  # the blanks before it say nothing
-        assert log.state.unreadable == is_torn
-        assert not is_torn or "the last line has no end" in log.state.first_unreadable
-        assert bool(log.state.cut_off) == is_torn
+        assert log.unreadable == is_torn
+        assert not is_torn or "the last line has no end" in log.first_unreadable
+        assert bool(log.cut_off) == is_torn
 
 
 def is_line_of(frame: Frame, line: bytes) -> bool:

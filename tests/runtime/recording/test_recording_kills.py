@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.closed_loop.recordings.log_file import open_log
-from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.recording.recorder import Recording
 from tests.support.frames.recorded_frames import messages_in

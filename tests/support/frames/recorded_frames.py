@@ -4,8 +4,9 @@ from pathlib import Path
 
 import can
 
+from steer_by_wire.closed_loop.recordings.candump_text import CandumpReader
+from steer_by_wire.closed_loop.recordings.logged import Logged
 from steer_by_wire.runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.recording.candump import LogEntry, parse_entry
 
 FRAMES = (
     Frame(0x100, bytes(range(8))),
@@ -22,9 +23,9 @@ def messages_in(path: Path) -> list[can.Message]:
         return list(reader)
 
 
-def entries_in(log: Path) -> list[LogEntry]:
+def entries_in(log: Path) -> list[Logged]:
     """Every frame of a candump log, in which every line is one but a torn last one."""
     whole, _, _torn = log.read_text(encoding="ascii").rpartition("\n")
-    entries = [(line, parse_entry(line)) for line in whole.splitlines()]
+    entries = [(line, CandumpReader()(line)) for line in whole.splitlines()]
     assert [line for line, entry in entries if entry is None] == []
     return [entry for _, entry in entries if entry is not None]

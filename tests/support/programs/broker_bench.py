@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
+from steer_by_wire.runtime.emulated_bus.address import listening
 from steer_by_wire.runtime.emulated_bus.broker import Broker
 from steer_by_wire.runtime.emulated_bus.broker_connection import Cause
 from steer_by_wire.runtime.emulated_bus.channel import NO_TRAFFIC, Traffic
@@ -39,7 +39,7 @@ class Bench:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
         self.path = folder / "socket"
         self._stack = stack
-        listener = stack.enter_context(listening(UnixAddress(self.path)))
+        listener = stack.enter_context(listening(self.path))
         self.now_ns = 0
         self.lines: list[str] = []
         self.broker = Broker(

@@ -12,12 +12,13 @@ import pytest
 from steer_by_wire.closed_loop.pair.pair_result import PairResult
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
+from steer_by_wire.closed_loop.recordings.logged import Logged
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame.message import message_of
-from steer_by_wire.runtime.recording.candump import LogEntry, format_entry
+from steer_by_wire.runtime.recording.candump import line_of
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.frames.recorded_frames import entries_in
 
@@ -88,16 +89,16 @@ def written(out: Path, *arguments: Path | str) -> dict[str, Any]:
     return figures
 
 
-def write_log(path: Path, entries: Iterable[LogEntry]) -> Path:
-    path.write_text("".join(format_entry(entry) + "\n" for entry in entries), encoding="ascii")
+def write_log(path: Path, entries: Iterable[Logged]) -> Path:
+    path.write_text("".join(line_of(*entry) for entry in entries), encoding="ascii")
     return path
 
 
-def is_of(entry: LogEntry, name: str) -> bool:
+def is_of(entry: Logged, name: str) -> bool:
     return entry.frame.can_id == {"LATERAL_ERROR": 0x110, "STEERING_COMMAND": 0x100}[name]
 
 
-def convert(entries: Sequence[LogEntry], path: Path) -> Path:
+def convert(entries: Sequence[Logged], path: Path) -> Path:
     with can.Logger(path) as writer:
         for time_ns, channel, frame in entries:
             message = message_of(frame)

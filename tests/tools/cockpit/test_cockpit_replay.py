@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.closed_loop.recordings.log_state import LogError
+from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.closed_loop.reports.law_colours import LAW_LINES
 from steer_by_wire.tools.cockpit.page import page_files, served_page, single_page
 from steer_by_wire.tools.cockpit.replay import read_replay

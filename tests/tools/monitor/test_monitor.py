@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.recordings.live_view import SPAN_S, BusWatch
+from steer_by_wire.closed_loop.recordings.logged import Logged
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     ControllerStatus,
@@ -25,7 +26,6 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.recording.candump import LogEntry
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 from tests.support.frames.made_messages import error_of, message_with
 from tests.support.frames.recorded_frames import entries_in
@@ -35,7 +35,7 @@ BUS = "emulated bus, channel can0, 500000 bit/s (from the command line)"
 
 
 @pytest.fixture(scope="module")
-def entries(tmp_path_factory: pytest.TempPathFactory) -> list[LogEntry]:
+def entries(tmp_path_factory: pytest.TempPathFactory) -> list[Logged]:
     """Return the frames of 20 s with 80 ms down and 20 ms up."""
     log = tmp_path_factory.mktemp("run") / "run.log"
     plant = PlantSettings(
@@ -48,7 +48,7 @@ def entries(tmp_path_factory: pytest.TempPathFactory) -> list[LogEntry]:
     return entries_in(log)
 
 
-def watched(entries: list[LogEntry]) -> tuple[BusWatch, int]:
+def watched(entries: list[Logged]) -> tuple[BusWatch, int]:
     """Return a watch that has taken the frames, and the time of the last."""
     watch = BusWatch(0)
     for now_ns, _, frame in entries:
@@ -59,7 +59,7 @@ def watched(entries: list[LogEntry]) -> tuple[BusWatch, int]:
 # From frames to figures
 
 
-def test_a_watch_has_the_newest_of_every_signal(entries: list[LogEntry]) -> None:
+def test_a_watch_has_the_newest_of_every_signal(entries: list[Logged]) -> None:
     watch, now_ns = watched(entries)
     newest = {}
     for _, _, frame in entries:
@@ -71,7 +71,7 @@ def test_a_watch_has_the_newest_of_every_signal(entries: list[LogEntry]) -> None
     assert watch.frames_per_s(now_ns) == pytest.approx(len(entries) / 20.0, rel=0.1)
 
 
-def test_a_watch_has_the_round_trip_of_the_last_seconds(entries: list[LogEntry]) -> None:
+def test_a_watch_has_the_round_trip_of_the_last_seconds(entries: list[Logged]) -> None:
     watch, now_ns = watched(entries)
     trip = watch.round_trips.spread(now_ns)
     assert trip is not None
@@ -82,7 +82,7 @@ def test_a_watch_has_the_round_trip_of_the_last_seconds(entries: list[LogEntry])
     assert (commands.missing, commands.late, commands.refused) == (0, 0, 0)
 
 
-def test_a_watch_counts_what_is_refused_by_cause(entries: list[LogEntry]) -> None:
+def test_a_watch_counts_what_is_refused_by_cause(entries: list[Logged]) -> None:
     watch, now_ns = watched(entries)
     good = encode(error_of(), 0)
     bad = Frame(good.can_id, bytes([good.data[0] ^ 1]) + good.data[1:])
@@ -96,7 +96,7 @@ def test_a_watch_counts_what_is_refused_by_cause(entries: list[LogEntry]) -> Non
     assert next(row.refused for row in watch.messages(now_ns) if row.name == "LATERAL_ERROR") == 2
 
 
-def test_what_stays_away_is_stale_and_then_forgotten(entries: list[LogEntry]) -> None:
+def test_what_stays_away_is_stale_and_then_forgotten(entries: list[Logged]) -> None:
     watch, now_ns = watched(entries)
     later_ns, much_later_ns = now_ns + 2 * NS, now_ns + round(2 * SPAN_S * NS)
     assert {row.name for row in watch.messages(later_ns) if row.is_stale} >= {"LATERAL_ERROR"}
@@ -150,14 +150,14 @@ def text_of(watch: BusWatch, now_ns: int) -> str:
 
 
 @pytest.mark.parametrize("width", [1, 20, 79, 80, 81, 132])
-def test_the_screen_has_22_lines_that_fit_or_are_cut(entries: list[LogEntry], width: int) -> None:
+def test_the_screen_has_22_lines_that_fit_or_are_cut(entries: list[Logged], width: int) -> None:
     for watch, now_ns in (watched(entries), (BusWatch(0), 0)):
         lines = screen_lines(watch, now_ns, BUS, width)
         assert len(lines) == 22
         assert all(line.cell_len <= width for line in lines)
 
 
-def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[LogEntry]) -> None:
+def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[Logged]) -> None:
     watch, now_ns = watched(entries)
     text = text_of(watch, now_ns)
     error, command = watch.newest().of(LateralError), watch.newest().of(SteeringCommand)
@@ -178,14 +178,14 @@ def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[LogE
     assert re.search(r"^STEERING_COMMAND +10 +10\.0 +10\.\d+ +10\.\d+ +\d+ +0 +0 +0$", text, re.M)
 
 
-def test_what_stays_away_is_said(entries: list[LogEntry]) -> None:
+def test_what_stays_away_is_said(entries: list[Logged]) -> None:
     watch, now_ns = watched(entries)
     text = text_of(watch, now_ns + 3 * NS)
     assert text.count("stays away") == 8
     assert "0 frames/s" in text
 
 
-def test_a_line_for_a_pipe_has_the_most_important(entries: list[LogEntry]) -> None:
+def test_a_line_for_a_pipe_has_the_most_important(entries: list[Logged]) -> None:
     line = one_line(*watched(entries))
     assert re.fullmatch(
         r"20\.\d s  ACTIVE  error [+-][\d.]+ mm  CG [+-][\d.]+ mm  steer [+-][\d.]+ mrad  "
