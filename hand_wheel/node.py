@@ -103,6 +103,7 @@ class HandWheelNode:
     ``samples_max``  largest number of cycles stored in ``samples``
     ``person``       what a person's hands do at a time; None where they are off
 
+    ``cycle_params`` constants of a cycle
     ``deadline_ns``  when the next cycle is due [ns]
     ``finished``     whether a fault of its own has ended it, with the feedback faded out
     """
@@ -123,9 +124,9 @@ class HandWheelNode:
         self._unauthenticated = 0
         self._wheel_params, self._wheel = settings.wheel_params, AT_REST
         self._law = FEEDBACK_LAWS[settings.feedback.law]
-        self._cycle_params, self._cycle = settings.cycle_params, CYCLE_AT_REST
+        self.cycle_params, self._cycle = settings.cycle_params, CYCLE_AT_REST
         self._kicks, self._let_go_ns = settings.kicks, settings.let_go_ns
-        self._late = ReactionTime(self._cycle_params.driver.two_point.reaction)
+        self._late = ReactionTime(self.cycle_params.driver.two_point.reaction)
         self._hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
         reads = self._law.reads
         self._road = None if reads is None else self._reception.newest(reads)
@@ -171,6 +172,14 @@ class HandWheelNode:
             is_gap = before_ns is None or now_ns - before_ns > self._mode_params.timeout_ns
             self._mode = self._mode._replace(good_run=1 if is_gap else self._mode.good_run + 1)
         return ()
+
+    def feel(self, changes: Mapping[str, Any]) -> None:
+        """Change values of [feedback] from the next cycle on; takes some milliseconds."""
+        feedback = self._settings.feedback.model_copy(update=changes)
+        self._settings = self._settings.model_copy(update={"feedback": feedback})
+        self._law, self.cycle_params = FEEDBACK_LAWS[feedback.law], self._settings.cycle_params
+        reads = self._law.reads
+        self._road = None if reads is None else self._reception.newest(reads)
 
     def on_unauthenticated(self) -> None:
         """Count a frame that was refused before the node."""
@@ -304,7 +313,7 @@ class HandWheelNode:
             mode in (Mode.ACTIVE, Mode.HOLDING) or self._share > 0.0,
             self._share,
         )
-        self._cycle, hands, self._told_n_m = cycle_step(self._cycle_params, self._cycle, inputs)
+        self._cycle, hands, self._told_n_m = cycle_step(self.cycle_params, self._cycle, inputs)
         self._late.pass_on(self._cycle.driver)
         self._hands = self._person(now_ns) or hands
         self.finished = self._failure != "" and self._share == 0.0

@@ -119,6 +119,15 @@ class GroundTruth(NamedTuple):
     cg_deviation_m: float
 
 
+class CarTruth(NamedTuple):
+    """Plant to all, optional, for monitoring: what the axles of a car bear and give."""
+
+    front_grip_used: float
+    rear_grip_used: float
+    front_load_share: float
+    lateral_acceleration_m_s2: float
+
+
 class LatencyConfig(NamedTuple):
     """Any tool to plant: the latency from now on; ``spread_s`` is the standard deviation."""
 
@@ -306,6 +315,7 @@ Message: TypeAlias = (
     | PlantStatus
     | GroundTruth
     | HandWheelStatus
+    | CarTruth
     | LatencyConfig
     | DisturbanceConfig
     | LatencySet

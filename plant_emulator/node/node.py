@@ -276,6 +276,8 @@ class PlantNode:
                 self._sense(due_ns)
                 if self._sends_truth and self._motion.is_finite:
                     frames.append(self._sampling.frames.ground_truth(motion_cg_m(self._motion)))
+                    if (use := self._motion.axle_use) is not None:
+                        frames.append(self._sampling.frames.car_truth(use))
                 if uplink.next_due_ns == due_ns:
                     frames += self._network.measured(due_ns)
             elif force_timer is not None and force_timer.deadline_ns == due_ns:

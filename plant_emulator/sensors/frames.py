@@ -6,6 +6,7 @@ from math import remainder, tau
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
     CURVATURE_FIELDS,
+    CarTruth,
     GroundTruth,
     LateralError,
     PathAhead,
@@ -19,6 +20,7 @@ from ...dbc.messages import (
 )
 from ...runtime.fast_named_tuple import fast_constructor
 from ...runtime.frame import Frame
+from ..vehicle.car.axle_use import AxleUse
 
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
 _WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
@@ -28,6 +30,7 @@ _YAW_RATE_RANGE = limits(VehicleState)["yaw_rate_rad_s"]
 _CURVATURE_RANGE = limits(VehicleState)["preview_curvature_1_m"]
 _COMMAND_RANGE = limits(SteeringForce)["limited_command_rad"]
 _FORCE_RANGE = limits(SteeringForce)["rack_force_n"]
+_USE_RANGES = limits(CarTruth)
 _CG_RANGE = limits(GroundTruth)["cg_deviation_m"]
 _error, _status = fast_constructor(LateralError), fast_constructor(SteeringStatus)
 _state = fast_constructor(VehicleState)
@@ -45,6 +48,7 @@ class SensorFrames:
         self._errors, self._statuses = Sender(LateralError), Sender(SteeringStatus)
         self._states, self._forces = Sender(VehicleState), Sender(SteeringForce)
         self._paths, self._truths = Sender(PathAhead), Sender(GroundTruth)
+        self._car_truths = Sender(CarTruth)
         self.not_available = 0
         self.clamped = 0
 
@@ -90,6 +94,13 @@ class SensorFrames:
     def ground_truth(self, cg_m: float) -> Frame:
         """Return GROUND_TRUTH; ``cg_m`` is the deviation of the centre of gravity."""
         return self._truths.frame(GroundTruth(cg_deviation_m=self._clamp(cg_m, _CG_RANGE)))
+
+    def car_truth(self, use: AxleUse) -> Frame:
+        """Return CAR_TRUTH."""
+        values = {
+            name: self._clamp(value, _USE_RANGES[name]) for name, value in use._asdict().items()
+        }
+        return self._car_truths.frame(CarTruth(**values))
 
     def path_ahead(self, spacing_m: float, curvatures_1_m: Sequence[float]) -> Frame:
         """Return PATH_AHEAD of the sample whose LATERAL_ERROR was made last."""

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 from ..path.path import Pose, vehicle_pose
-from .car.car_motion import CarMotionParams, rack_force_of_car_n
+from .car.axle_use import AxleUse
+from .car.car_motion import CarMotionParams, axle_use_of_car, rack_force_of_car_n
 from .exact_propagation import PSI, LinearState, Y
 from .motion_choice import MOTIONS
 from .motion_events import MotionState, with_vehicle
@@ -133,6 +134,14 @@ class Motion:
             return None
         state: Any = self._state
         return rack_force_of_car_n(state)
+
+    @property
+    def axle_use(self) -> AxleUse | None:
+        """What the axles bear and give; None unless this is the built-in car."""
+        if not isinstance(self._params, CarMotionParams):
+            return None
+        state: Any = self._state
+        return axle_use_of_car(self._params, state)
 
     @property
     def place(self) -> tuple[float, float]:

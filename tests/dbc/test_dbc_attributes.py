@@ -190,4 +190,4 @@ def test_what_only_a_test_rig_has_is_marked() -> None:
     by_tools = {
         f"{what}_{kind}" for what in ("LATENCY", "DISTURBANCE") for kind in ("CONFIG", "SET")
     }
-    assert marked == {"PLANT_STATUS", "GROUND_TRUTH", *by_tools}
+    assert marked == {"PLANT_STATUS", "GROUND_TRUTH", "CAR_TRUTH", *by_tools}

@@ -39,10 +39,11 @@ DOCUMENT = (Path(__file__).parents[2] / "docs" / "wire_contract.md").read_text(e
 PROTECTED = [each for each in DATABASE.messages if MESSAGE_TYPES[each.name] in DATA_IDS]
 
 # How a unit is written at the end of a name; the longest that fits counts.
-UNIT_AT_THE_END = re.compile(r"_(1_m|n_m|m_s|rad_s|rad|kg|m|n|s)$")
+UNIT_AT_THE_END = re.compile(r"_(1_m|n_m|m_s2|m_s|rad_s|rad|kg|m|n|s)$")
 UNIT_IN_THE_DBC = {
     "1_m": "1/m",
     "n_m": "N m",
+    "m_s2": "m/s^2",
     "m_s": "m/s",
     "rad_s": "rad/s",
     "rad": "rad",
@@ -131,6 +132,7 @@ def test_everything_has_a_comment() -> None:
         ("PLANT_STATUS", 0x310, "PLANT", {"CONTROLLER", "TOOL"}, 100),
         ("GROUND_TRUTH", 0x314, "PLANT", {"TOOL"}, None),
         ("HAND_WHEEL_STATUS", 0x318, "HAND_WHEEL", {"CONTROLLER", "PLANT", "TOOL"}, None),
+        ("CAR_TRUTH", 0x31C, "PLANT", {"TOOL"}, None),
         ("LATENCY_CONFIG", 0x320, "TOOL", {"PLANT"}, None),
         ("DISTURBANCE_CONFIG", 0x324, "TOOL", {"PLANT"}, None),
         ("LATENCY_SET", 0x328, "TOOL", {"PLANT"}, None),

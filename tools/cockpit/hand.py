@@ -2,11 +2,12 @@
 
     python -m steer_by_wire.tools.cockpit.hand FILE -i emulated -c lane1 [--wheel WHEEL.toml]
 
-With ``--wheel`` the hand holds a hand wheel with these settings, which steers the plant.
+With ``--wheel`` the hand holds a hand wheel with these settings, which steers the plant. With
+``--pedals`` it asks for the speed too.
 
-A process of its own, which only the bus connects to the plant. The cockpit leaves the newest angle
-in a file that both have mapped. A hand that the page no longer reports sends nothing: the plant
-then holds, and falls back, as after the death of a controller.
+A process of its own, which only the bus connects to the plant. The cockpit leaves the newest orders
+in a file that both have mapped. A hand that the page no longer reports sends nothing, and asks for
+speed 0: the plant then holds, and falls back, as after the death of a controller.
 """
 
 import argparse
@@ -14,20 +15,29 @@ import mmap
 import struct
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...dbc.bus_language import add_dialect_argument, read_language
-from ...dbc.messages import CAN_IDS, COMMAND_COUNTERS, Mode, Sender, SteeringCommand
+from ...dbc.messages import (
+    CAN_IDS,
+    COMMAND_COUNTERS,
+    Mode,
+    Sender,
+    SpeedRequest,
+    SteeringCommand,
+    limits,
+)
 from ...hand_wheel.analysis.sampled_laws import kept_of
 from ...hand_wheel.node import RECEIVED, HandWheelNode
 from ...hand_wheel.settings import HandWheelSettings
-from ...hand_wheel.wheel import GRIPS, Grip
+from ...hand_wheel.wheel import GRIPS
 from ...hand_wheel.wheel_step import Hands
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
 from ...runtime.node.end import End
+from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.node.real_time_loop import RealTimeExecutor
 from ...runtime.port.interface_choice import add_bus_arguments
 from ...runtime.port.port import open_port
@@ -38,14 +48,37 @@ from ...runtime.settings import load_settings
 PERIOD_NS = 10 * NS_PER_MS
 RELEASED_NS = 500 * NS_PER_MS
 """After so long without a report of the page no one steers."""
-_CONTENT = struct.Struct("=qdq")
-_EMPTY = _CONTENT.pack(-RELEASED_NS, 0.0, 0)
+HAND_WHEELS: Mapping[str, Mapping[str, Any]] = {
+    "hand_wheel": {"law": "rack_force", "damping_n_m_s": 0.0},
+    "hand_wheel_damped": {"law": "rack_force", "damping_n_m_s": 0.5},
+    "hand_wheel_cdob": {"law": "cdob", "damping_n_m_s": 0.0},
+}
+"""In place of a controller's preset: the hand wheel by which the visitor steers, with its feedback.
+
+The damping is chosen."""
+HANDS_OFF = "hands_off"
+SPEED_M_S_MAX = limits(SpeedRequest)["speed_max_m_s"].maximum
+_SPEED_PERIOD_NS = 100 * NS_PER_MS
+_CONTENT = struct.Struct("=qdqdq")
+_EMPTY = _CONTENT.pack(-RELEASED_NS, 0.0, 0, 0.0, -1)
 _HANDS_LAG_S = 0.03
 """Between two reports of the page the hands move on smoothly."""
 
 
+class Orders(NamedTuple):
+    """What the visitor does: angle of the front wheels, one of GRIPS, speed, one of HAND_WHEELS.
+
+    ``wheel``  empty: the one that the hand began with
+    """
+
+    steer_rad: float = 0.0
+    grip: str = "light"
+    speed_m_s: float = 0.0
+    wheel: str = ""
+
+
 class HandFile:
-    """The newest angle [rad], its time on this machine's monotonic clock [ns], and the grip."""
+    """The newest orders, with their time on this machine's monotonic clock [ns]."""
 
     def __init__(self, path: Path) -> None:
         """Map a file, and make it if there is none."""
@@ -54,20 +87,17 @@ class HandFile:
         with path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), _CONTENT.size)
 
-    def write(self, steer_rad: float, now_ns: int, grip: str = "light") -> None:
-        """Leave an angle and one of GRIPS."""
-        self._map[:] = _CONTENT.pack(now_ns, steer_rad, list(GRIPS).index(grip))
+    def write(self, orders: Orders, now_ns: int) -> None:
+        """Leave the orders."""
+        grip, wheel = [*GRIPS].index(orders.grip), ["", *HAND_WHEELS].index(orders.wheel) - 1
+        self._map[:] = _CONTENT.pack(now_ns, orders.steer_rad, grip, orders.speed_m_s, wheel)
 
-    def read(self, now_ns: int) -> float | None:
-        """Return the angle; None when no one steers."""
-        time_ns, steer_rad, _ = _CONTENT.unpack(self._map[:])
-        return steer_rad if now_ns - time_ns < RELEASED_NS else None
-
-    @property
-    def grip(self) -> Grip:
-        """How the hand holds a hand wheel."""
-        _, _, number = _CONTENT.unpack(self._map[:])
-        return GRIPS[list(GRIPS)[int(number)]]
+    def read(self, now_ns: int) -> Orders | None:
+        """Return the orders; None when no one steers."""
+        time_ns, steer_rad, grip, speed_m_s, wheel = _CONTENT.unpack(self._map[:])
+        if now_ns - time_ns >= RELEASED_NS:
+            return None
+        return Orders(steer_rad, [*GRIPS][grip], speed_m_s, ["", *HAND_WHEELS][wheel + 1])
 
 
 class Person:
@@ -80,13 +110,13 @@ class Person:
 
     def hands(self, now_ns: int) -> Hands | None:
         """Return what the hands do, None where they are off."""
-        steer_rad = self._hand.read(now_ns)
-        if steer_rad is None:
+        orders = self._hand.read(now_ns)
+        if orders is None or orders.grip == HANDS_OFF:
             return None
-        before_rad, aim_rad = self._wished_rad, self._ratio * steer_rad
+        before_rad, aim_rad = self._wished_rad, self._ratio * orders.steer_rad
         self._wished_rad = aim_rad + self._kept * (before_rad - aim_rad)
         rate_rad_s = (self._wished_rad - before_rad) / self._cycle_s
-        return Hands(self._hand.grip, before_rad, rate_rad_s, 0.0)
+        return Hands(GRIPS[orders.grip], before_rad, rate_rad_s, 0.0)
 
 
 class HandNode:
@@ -107,12 +137,54 @@ class HandNode:
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Return the command that is due; ticks that were missed are left out."""
         self.deadline_ns += ((now_ns - self.deadline_ns) // PERIOD_NS + 1) * PERIOD_NS
-        steer_rad = self._hand.read(now_ns)
-        if steer_rad is None:
+        orders = self._hand.read(now_ns)
+        if orders is None:
             return ()
         counter, self._count = self._count % COMMAND_COUNTERS, self._count + 1
-        command = SteeringCommand(steer_rad=steer_rad, command_counter=counter, mode=Mode.ACTIVE)
+        command = SteeringCommand(
+            steer_rad=orders.steer_rad, command_counter=counter, mode=Mode.ACTIVE
+        )
         return (self._commands.frame(command),)
+
+
+class Seat:
+    """The hand with the visitor's other orders: the speed of the car, and the feedback law.
+
+    ``node``    HandNode or HandWheelNode
+    ``pedals``  whether to send SPEED_REQUEST, before all else: the car is to wait for it
+    """
+
+    finished = False
+
+    def __init__(self, node: Any, hand: HandFile, start_ns: int, *, pedals: bool) -> None:
+        self._node, self._hand, self._wheel = node, hand, ""
+        self._speeds = PeriodicTimer(start_ns, _SPEED_PERIOD_NS) if pedals else None
+        self._requests = Sender(SpeedRequest)
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the next frame is due."""
+        due_ns: int = self._node.deadline_ns
+        return due_ns if self._speeds is None else min(due_ns, self._speeds.deadline_ns)
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Pass a frame on."""
+        frames: Sequence[Frame] = self._node.on_frame(frame, now_ns)
+        return frames
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Send what is due."""
+        orders = self._hand.read(now_ns) or Orders()
+        if orders.wheel not in ("", self._wheel):
+            self._wheel = orders.wheel
+            self._node.feel(HAND_WHEELS[orders.wheel])
+        frames = []
+        if self._speeds is not None and self._speeds.deadline_ns <= now_ns:
+            self._speeds.advance(now_ns)
+            frames.append(self._requests.frame(SpeedRequest(speed_max_m_s=orders.speed_m_s)))
+        if self._node.deadline_ns <= now_ns:
+            frames += self._node.on_tick(now_ns)
+        return frames
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -120,6 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path)
     parser.add_argument("--wheel", type=Path)
+    parser.add_argument("--pedals", action="store_true")
     add_dialect_argument(parser)
     add_bus_arguments(parser)
     options = parser.parse_args(arguments)
@@ -132,6 +205,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         hand: Any = HandNode(file, start_ns)  # no one asks it for a report
         if wheel:
             hand = HandWheelNode(wheel, start_ns, person=Person(file, wheel).hands)
+        hand = Seat(hand, file, start_ns, pedals=options.pedals)
         node = read_language(options.dialect).at_edge(hand, End.CONTROLLER, start_ns)
         RealTimeExecutor(node, opened.port).run(stop)
     return 0

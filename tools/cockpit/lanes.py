@@ -44,11 +44,13 @@ class LaneFacts(NamedTuple):
     """One lane, ready for JSON.
 
     ``line``    colour and dash of its law
+    ``mass_kg``  None where it is not known
     ``path_m``  points (x, y) of the path, empty where it is not known
     """
 
     label: str
     line: LawLine
+    mass_kg: float | None
     front_axle_m: float
     rear_axle_m: float
     preview_m: float
@@ -66,6 +68,7 @@ def lane_facts(label: str, line: LawLine, plant: PlantSettings | None = None) ->
     return LaneFacts(
         label,
         line,
+        None if plant is None else vehicle.virtual_mass_kg,
         vehicle.front_axle_distance_m,
         vehicle.rear_axle_distance_m,
         vehicle.preview_distance_m,
@@ -150,6 +153,8 @@ class OwnLanes:
                 words = [str(hand)]
                 if lane.hand_wheel is not None:
                     words += ["--wheel", str(files.settings(HAND_WHEEL_PROGRAM))]
+                if lane.is_driven:
+                    words += ["--pedals"]
                 words += [*self._language.options, *bus.options]
                 steers = StartedProgram("steer_by_wire.tools.cockpit.hand", words)
                 pair = LivePair(

@@ -18,9 +18,10 @@ from ...closed_loop.reports.law_colours import law_lines
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.exit_status import BusError
 from ...runtime.settings import Settings, SettingsError
+from .hand import HAND_WHEELS, SPEED_M_S_MAX, Orders
 from .lane import Lane
 from .lanes import Action, OwnLanes, Program, lane_facts
-from .scenario import HAND_WHEELS, LANES_MAX, Latency, Scenario, choices, scenario_of
+from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
 from .signals import ROW_PERIOD_S, shown
 
 LISTENS_ONLY = "this page only listens; --allow-control lets it change the latency"
@@ -74,11 +75,13 @@ class Start(Settings):
 
 
 class Steer(Settings):
-    """Report the visitor's hand: the angle of the front wheels that it asks for."""
+    """Report the visitor's orders (``Orders``)."""
 
     do: Literal["steer"]
     steer_rad: Annotated[float, Field(ge=-0.6, le=0.6)]
     grip: Literal["hands_off", "loose", "light", "firm"] = "light"
+    speed_m_s: Annotated[float, Field(ge=0.0, le=SPEED_M_S_MAX)] = 0.0
+    wheel: Literal["", "hand_wheel", "hand_wheel_damped", "hand_wheel_cdob"] = ""
 
 
 class Act(Settings):
@@ -239,7 +242,8 @@ class Desk:
     def _steer(self, wish: Steer) -> None:
         hand = self._own_lanes().hand
         if hand is not None:
-            hand.write(wish.steer_rad, time.monotonic_ns(), wish.grip)
+            orders = Orders(wish.steer_rad, wish.grip, wish.speed_m_s, wish.wheel)
+            hand.write(orders, time.monotonic_ns())
 
     def _own_lanes(self) -> OwnLanes:
         if self._own is None:

@@ -86,6 +86,7 @@ _IN_FLIGHT_MAX = 4096
 """Commands that are remembered until they take effect."""
 _WHEEL_S = 6.0
 """Of the hand wheel's newest motion, which shakes or not: half of the time between two kicks."""
+_NO_TRUTH = dict.fromkeys(messages.CarTruth._fields, math.nan)
 _FOREIGN_MAX = 20
 """Foreign identifiers that are listed."""
 IN_LANE_M = 0.86
@@ -213,7 +214,7 @@ class Sampler:
         status, vehicle = of(messages.SteeringStatus), of(messages.VehicleState)
         plant, delay = of(messages.PlantStatus), of(messages.DelayStatus)
         wheel, felt = of(messages.HandWheelState), of(messages.HandWheelStatus)
-        rack = of(messages.SteeringForce)
+        rack, truth = of(messages.SteeringForce), of(messages.CarTruth)
         if wheel is not None:
             self._wheel_rad.append(wheel.hand_wheel_angle_rad)
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
@@ -229,6 +230,7 @@ class Sampler:
             "steer_in_effect_rad": status and self._in_effect_rad,
             "wheel_angle_rad": status and status.wheel_angle_rad,
             "speed_m_s": vehicle and vehicle.speed_m_s,
+            "yaw_rate_rad_s": vehicle and vehicle.yaw_rate_rad_s,
             "curvature_1_m": vehicle and vehicle.preview_curvature_1_m,
             "downlink_s": plant and plant.downlink_latency_s,
             "uplink_s": plant and plant.uplink_latency_s,
@@ -245,6 +247,7 @@ class Sampler:
             "driver_torque_n_m": wheel and wheel.driver_torque_n_m,
             "feedback_torque_n_m": felt and felt.applied_torque_n_m,
             "rack_force_n": rack and rack.rack_force_n,
+            **(truth._asdict() if truth else _NO_TRUTH),
         }
         return tuple(math.nan if (value := values[name]) is None else value for name in NAMES)
 

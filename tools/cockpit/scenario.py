@@ -21,12 +21,13 @@ from ...plant_emulator.path.settings import PathModel
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.settings import Settings, SettingsError, preset_names, with_values
+from .hand import HAND_WHEELS, HANDS_OFF
 
 LANES_MAX = 4
 HAND = "hand"
 """In place of a controller's preset: the visitor steers."""
-HAND_WHEELS: Mapping[str, str] = {"hand_wheel": "rack_force", "hand_wheel_cdob": "cdob"}
-"""In place of it: the visitor steers by a hand wheel, which has this feedback law."""
+CARS = ("bmw_320i", "large_sedan", "city_bus", "f1tenth")
+"""Vehicles to choose from where the visitor drives."""
 ICE_FRICTION = 0.3
 """What the button for ice asks for."""
 _ENDLESS_S = 1e6
@@ -74,7 +75,8 @@ class Scenario(Settings):
     ``plant``        preset of the plant: the vehicle, a corner of the uncertainty box
     ``plants``       one a lane instead; the last for those beyond
     ``speed_km_h``   None: that of the preset
-    ``wheel_cycle_ms``, ``torque_gradient_n_m``  of a hand wheel
+    ``driven_to_km_h``  the visitor drives from standstill to at most this; None: ``speed_km_h``
+    ``wheel_cycle_ms``, ``torque_gradient_n_m``, ``grip``  of a hand wheel, and how it is held
     """
 
     title: str = ""
@@ -85,8 +87,10 @@ class Scenario(Settings):
     plants: tuple[str, ...] = ()
     wheel_cycle_ms: Annotated[float, Field(ge=1.0, le=20.0)] = 5.0
     torque_gradient_n_m: Annotated[float, Field(ge=0.0, le=100.0)] = 6.0
+    grip: Literal["hands_off", "loose", "light", "firm"] = "light"
     path: str = "ellipse 60 by 30 m"
     speed_km_h: Annotated[float, Field(ge=0.5, le=250.0)] | None = None
+    driven_to_km_h: Annotated[float, Field(ge=1.0, le=250.0)] | None = None
     seed: Annotated[int, Field(ge=0, le=2**53)] = 1
     sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
     downlink: Latency = Latency()
@@ -107,6 +111,11 @@ class LaneSettings(NamedTuple):
     plant: PlantSettings
     controller: ControllerSettings | None
     hand_wheel: HandWheelSettings | None = None
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether the visitor sets the speed: the car has a profile, from standstill."""
+        return self.controller is None and self.plant.car is not None and bool(self.plant.car.speed)
 
 
 def scenarios() -> Sequence[Scenario]:
@@ -149,7 +158,7 @@ def lane_settings(scenario: Scenario) -> Sequence[LaneSettings]:
 
 
 def _with_hand_wheel(
-    label: str, plant: PlantSettings, scenario: Scenario, law: str
+    label: str, plant: PlantSettings, scenario: Scenario, feedback: Mapping[str, Any]
 ) -> LaneSettings:
     kicks = [
         {"at_s": 5.0 + 12.0 * number, "torque_n_m": -3.0 if number % 2 else 3.0}
@@ -157,8 +166,8 @@ def _with_hand_wheel(
     ]
     values = {
         "cycle_ms": scenario.wheel_cycle_ms,
-        "driver": {"grip": "hands_off", "kicks": kicks},
-        "feedback": {"law": law, "torque_gradient_n_m": scenario.torque_gradient_n_m},
+        "driver": {"grip": HANDS_OFF, "kicks": kicks},
+        "feedback": {**feedback, "torque_gradient_n_m": scenario.torque_gradient_n_m},
     }
     wheel = with_values(HandWheelSettings(), values, scenario.title or _PAGE)
     plant, _, wheel = with_hand_wheel(plant, controller_preset(_ANY_LAW), wheel)
@@ -170,6 +179,8 @@ def choices() -> Mapping[str, Any]:
     return {
         "controllers": [HAND, *HAND_WHEELS, *preset_names(CONTROLLER_PRESETS)],
         "grips": list(GRIPS),
+        "wheels": list(HAND_WHEELS),
+        "cars": CARS,
         "plants": preset_names(PLANT_PRESETS),
         "paths": list(PATHS),
         "models": [model.value for model in Distribution],
@@ -184,6 +195,7 @@ def _plant_settings(scenario: Scenario, name: str) -> PlantSettings:
         "duration_s": _ENDLESS_S,
         "seed": scenario.seed,
         "interventions": "allow",
+        "ground_truth": True,
         "sensor_period_ms": scenario.sensor_period_ms,
         "latency.downlink": _latency_table(scenario.downlink),
         "latency.uplink": _latency_table(scenario.uplink),
@@ -197,6 +209,14 @@ def _plant_settings(scenario: Scenario, name: str) -> PlantSettings:
     if scenario.speed_km_h is not None:
         values["vehicle.speed_m_s"] = scenario.speed_km_h / 3.6
     preset = plant_preset(name)
+    if scenario.driven_to_km_h is not None and preset.car is not None:
+        speeds_m_s = (0.0, scenario.driven_to_km_h / 3.6)
+        values |= {
+            "car.speed": [{"at_s": at_s, "speed_m_s": it} for at_s, it in enumerate(speeds_m_s)],
+            # They are set for one speed; here the tyres alone are the limit.
+            "safety.lateral_acceleration_m_s2_max": "off",
+            "safety.lateral_jerk_m_s3_max": "off",
+        }
     return with_values(preset, values, scenario.title or _PAGE)
 
 

@@ -6,6 +6,7 @@ header   kind (1) u8, lane u8, columns u16, rows u32
 row      time [s] f64, columns f32
 """
 
+import math
 import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -52,6 +53,7 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("steer_in_effect_rad", "in effect", "mrad", 1e3, 1),
     Signal("wheel_angle_rad", "applied", "mrad", 1e3, 1),
     Signal("speed_m_s", "speed", "km/h", 3.6, 1),
+    Signal("yaw_rate_rad_s", "yaw rate", "°/s", math.degrees(1.0), 1),
     Signal("curvature_1_m", "curvature", "1/m", 1.0, 4),
     Signal("downlink_s", "commands", "ms", 1e3, 1),
     Signal("uplink_s", "measurements", "ms", 1e3, 1),
@@ -68,6 +70,10 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("driver_torque_n_m", "driver", "N m", 1.0, 2),
     Signal("feedback_torque_n_m", "feedback", "N m", 1.0, 2),
     Signal("rack_force_n", "rack force", "N", 1.0, 0),
+    Signal("front_grip_used", "grip front", "%", 100.0, 0),
+    Signal("rear_grip_used", "grip rear", "%", 100.0, 0),
+    Signal("front_load_share", "load in front", "%", 100.0, 1),
+    Signal("lateral_acceleration_m_s2", "across", "m/s²", 1.0, 2),
 )
 NAMES = tuple(signal.name for signal in SIGNALS)
 

@@ -13,8 +13,9 @@ from ....runtime.node import NEVER_NS
 from ...path.path import Path, Place, end_of_place_m, next_place
 from ...path.portable_trigonometry import arctan
 from ..exact_propagation import LinearState
+from .axle_use import AxleUse, axle_use
 from .car_choice import drive_step, start_of_own
-from .car_step import NEARNESS_MIN, CarInput, CarState
+from .car_step import NEARNESS_MIN, CarInput, CarParams, CarState
 from .speed_control import SpeedParams, demand_step, wanted_speed
 from .steering_choice import steering_at_rest, steering_step
 from .steering_input import SteeringInput
@@ -268,6 +269,15 @@ def rack_force_of_car_n(x: CarMotionState) -> float | None:
     """Return the force of the tyres on the rack, to the left positive [N]; None without a rack."""
     _, _, (_, _, now, _, _, _) = x
     return getattr(now.steering, "rack_force_n", None)
+
+
+def axle_use_of_car(p: CarMotionParams, x: CarMotionState) -> AxleUse | None:
+    """Return what the axles bear and give; None for a car of another package."""
+    _, _, (_, _, now, _, interval, _) = x
+    if not isinstance(p.car, CarParams):
+        return None
+    friction = p.intervals[interval].friction * p.patches[now.patch].friction
+    return axle_use(p.car, now.car, now.demand_m_s2, friction)
 
 
 def is_car_limited(x: CarMotionState) -> bool:

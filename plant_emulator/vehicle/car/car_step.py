@@ -101,17 +101,12 @@ def car_step(p: CarParams, x: CarState, inputs: CarInput, h_s: float) -> CarStat
     grip = p.friction * friction
     cos_wheel, sin_wheel = cos_sin(wheel_rad)
 
-    shift_n = p.load_shift_kg * a_x
-    front_load_n = max(p.front_load_n - shift_n, _LOAD_SHARE_MIN * p.front_load_n)
-    rear_load_n = max(p.rear_load_n + shift_n, _LOAD_SHARE_MIN * p.rear_load_n)
+    front_load_n, rear_load_n = axle_loads_n(p, a_x)
     front_grip_n, rear_grip_n = grip * front_load_n, grip * rear_load_n
 
-    # Drive and resistance that the speed control knows; a negative sum is the brakes'.
     drag_n = p.drag_n_s2_m2 * u * u
     wanted_n = mass * (demand_m_s2 + p.rolling_m_s2) + drag_n
-    front_share = p.drive_front if wanted_n >= 0.0 else p.brake_front
-    front_x_n = _within(front_share * wanted_n, LONGITUDINAL_SHARE * front_grip_n)
-    rear_x_n = _within((1.0 - front_share) * wanted_n, LONGITUDINAL_SHARE * rear_grip_n)
+    front_x_n, rear_x_n = along_n(p, wanted_n, front_grip_n, rear_grip_n)
     # Brakes that hold a standing car need not take their share.
     is_standing = u == 0.0 and wanted_n < 0.0
     front_limit_n = side_limit_n(front_grip_n, 0.0 if is_standing else front_x_n)
@@ -162,6 +157,26 @@ def car_step(p: CarParams, x: CarState, inputs: CarInput, h_s: float) -> CarStat
     y += h_s * (u * sin_psi + preview_v * cos_psi)
     psi += h_s * (r - rho * s_rate)
     return CarState(u, v, r, front_slip, rear_slip, a_x, a_y, front_y_n, front_use, s, y, psi)
+
+
+def axle_loads_n(p: CarParams, longitudinal_m_s2: float) -> tuple[float, float]:
+    """Return the loads of both axles [N]."""
+    shift_n = p.load_shift_kg * longitudinal_m_s2
+    front_load_n = max(p.front_load_n - shift_n, _LOAD_SHARE_MIN * p.front_load_n)
+    return front_load_n, max(p.rear_load_n + shift_n, _LOAD_SHARE_MIN * p.rear_load_n)
+
+
+def along_n(
+    p: CarParams, wanted_n: float, front_grip_n: float, rear_grip_n: float
+) -> tuple[float, float]:
+    """Return the longitudinal forces of both axles [N].
+
+    ``wanted_n``  of drive and resistance that the speed control knows; a negative sum is the
+                  brakes'
+    """
+    front_share = p.drive_front if wanted_n >= 0.0 else p.brake_front
+    front_x_n = _within(front_share * wanted_n, LONGITUDINAL_SHARE * front_grip_n)
+    return front_x_n, _within((1.0 - front_share) * wanted_n, LONGITUDINAL_SHARE * rear_grip_n)
 
 
 def _within(value: float, limit: float) -> float:

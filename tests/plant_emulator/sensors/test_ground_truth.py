@@ -1,11 +1,12 @@
-"""GROUND_TRUTH: the deviation of the centre of gravity on the bus."""
+"""The truth on the bus: deviation of the centre of gravity, and what the axles of a car give."""
 
 import math
 
 import pytest
 
 from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M, CgDeviation
-from steer_by_wire.dbc.messages import GroundTruth, LateralError
+from steer_by_wire.dbc.messages import CarTruth, GroundTruth, LateralError, VehicleState
+from steer_by_wire.plant_emulator.path.drivability import GRAVITY_M_S2
 from tests.support.frames.made_messages import error_of, message_with, motion_of
 from tests.support.nodes.plant_link import PERIOD_NS, START_NS, link
 
@@ -28,6 +29,28 @@ def test_it_is_of_each_sample_and_passes_neither_noise_nor_network() -> None:
     for (_, message), sample in zip(truths, tested.node.samples, strict=True):
         assert message.cg_deviation_m == pytest.approx(sample.cg_deviation_m, abs=2.6e-6)
     assert abs(truths[-1][1].cg_deviation_m) > 0.01
+
+
+def test_a_car_tells_how_its_axles_bear_a_bend_and_braking() -> None:
+    profile = [(0.0, 20.0), (4.0, 20.0), (6.0, 6.0)]
+    speed = [{"at_s": at_s, "speed_m_s": speed_m_s} for at_s, speed_m_s in profile]
+    tables = {"car": {"speed": speed}, "path": {"kind": "circle", "radius_m": 160.0}}
+    tested = link(ground_truth=True, **tables, start_on_first_command=False)
+    for tick in range(560):
+        tested.command(START_NS + tick * PERIOD_NS + 1, 0.0275)
+    truths = [message for _, message in tested.messages(CarTruth)]
+    motion = tested.messages(VehicleState)[190][1]
+    bend, braking = truths[380], truths[550]
+    side_m_s2 = motion.speed_m_s * motion.yaw_rate_rad_s
+    assert bend.lateral_acceleration_m_s2 == pytest.approx(side_m_s2, rel=0.02)
+    # In a steady bend each axle carries its share of the weight and of the side force.
+    for used in (bend.front_grip_used, bend.rear_grip_used):
+        assert used == pytest.approx(side_m_s2 / GRAVITY_M_S2, rel=0.05)
+    assert bend.front_load_share == pytest.approx(1.5453 / (1.3008 + 1.5453), abs=0.005)
+    # Braking by 7 m/s² shifts h/L of that to the front: 0.55 m of 2.85 m.
+    shift = 7.0 / GRAVITY_M_S2 * 0.55 / (1.3008 + 1.5453)
+    assert braking.front_load_share == pytest.approx(bend.front_load_share + shift, rel=0.1)
+    assert braking.front_grip_used > 2.0 * bend.front_grip_used
 
 
 def test_where_it_is_sent_a_listener_computes_nothing() -> None:

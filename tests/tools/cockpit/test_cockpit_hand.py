@@ -6,20 +6,27 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.dbc.messages import (
+    Decoded,
     Direction,
     DisturbanceConfig,
+    SpeedRequest,
+    decode,
     encode,
 )
+from steer_by_wire.hand_wheel.node import HandWheelNode
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.cockpit.ghost import Ghost
 from steer_by_wire.tools.cockpit.hand import (
+    HAND_WHEELS,
     PERIOD_NS,
     RELEASED_NS,
     HandFile,
     HandNode,
+    Orders,
     Person,
+    Seat,
 )
 from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
 from tests.support.frames.made_messages import command_of, latency_of, message_with
@@ -34,7 +41,7 @@ def test_a_hand_sends_its_newest_angle_each_period_and_nothing_once_it_is_gone(
     node = HandNode(HandFile(tmp_path / "hand"), START_NS)  # as another process maps it
     assert node.on_tick(START_NS) == ()
     for number in range(3):
-        hand.write(0.1 * (number + 1), node.deadline_ns)
+        hand.write(Orders(0.1 * (number + 1)), node.deadline_ns)
         command = command_of(0.1 * (number + 1), number)
         assert node.on_tick(node.deadline_ns) == (encode(command, number),)
     written_ns = START_NS + 3 * PERIOD_NS
@@ -45,7 +52,7 @@ def test_a_hand_sends_its_newest_angle_each_period_and_nothing_once_it_is_gone(
 def test_ticks_that_were_missed_are_left_out_and_the_phase_is_kept(tmp_path: Path) -> None:
     hand = HandFile(tmp_path / "hand")
     node = HandNode(hand, START_NS)
-    hand.write(0.2, START_NS)
+    hand.write(Orders(0.2), START_NS)
     assert len(node.on_tick(START_NS + 5 * PERIOD_NS + 1)) == 1
     assert node.deadline_ns == START_NS + 6 * PERIOD_NS
 
@@ -54,22 +61,58 @@ def test_a_person_turns_the_hand_wheel_smoothly_and_lets_go(tmp_path: Path) -> N
     file, wheel = HandFile(tmp_path / "hand"), HandWheelSettings(cycle_ms=5.0)
     person, now_ns = Person(file, wheel), START_NS
     assert person.hands(now_ns) is None
-    file.write(0.02, now_ns, "firm")
+    file.write(Orders(0.02, "firm"), now_ns)
     moved = [person.hands(now_ns + number * wheel.cycle_ns) for number in range(60)]
     assert all(hands is not None and hands.grip is GRIPS["firm"] for hands in moved)
     wished = [hands.wished_rad for hands in moved if hands is not None]
     assert wished == sorted(wished)
     assert wished[-1] == pytest.approx(0.02 * wheel.steering_ratio, rel=1e-3)
     assert person.hands(now_ns + RELEASED_NS) is None
+    file.write(Orders(0.02, "hands_off"), now_ns)
+    assert person.hands(now_ns) is None
+
+
+def test_a_car_is_asked_for_the_visitors_speed_and_stops_without_him(tmp_path: Path) -> None:
+    file = HandFile(tmp_path / "hand")
+    seat = Seat(HandNode(file, START_NS), file, START_NS, pedals=True)
+    requests = []
+    for tick in range(70):
+        if tick < 10:
+            file.write(Orders(0.1, speed_m_s=12.5), START_NS + tick * PERIOD_NS)
+        frames = seat.on_tick(START_NS + tick * PERIOD_NS)
+        messages = [
+            decoded.message for frame in frames if isinstance(decoded := decode(frame), Decoded)
+        ]
+        requests += [(tick, one.speed_max_m_s) for one in messages if isinstance(one, SpeedRequest)]
+        # Before the command that starts the motion, so that the car waits.
+        assert not requests or tick or isinstance(messages[0], SpeedRequest)
+    assert requests == [(0, 12.5), *((tick, 12.5) for tick in range(10, 60, 10)), (60, 0.0)]
+
+
+@pytest.mark.parametrize("name", HAND_WHEELS)
+def test_another_feedback_law_makes_the_torque_from_the_next_cycle_on(
+    tmp_path: Path, name: str
+) -> None:
+    file, settings = HandFile(tmp_path / "hand"), HandWheelSettings(cycle_ms=10.0)
+    node = HandWheelNode(settings, START_NS)
+    seat = Seat(node, file, START_NS, pedals=False)
+    seat.on_tick(START_NS)
+    file.write(Orders(wheel=name), START_NS)
+    seat.on_tick(seat.deadline_ns)
+    wanted = settings.feedback.model_copy(update=HAND_WHEELS[name])
+    as_begun = settings.model_copy(update={"feedback": wanted})
+    assert node.report()["law"] == wanted.law
+    assert node.cycle_params == as_begun.cycle_params
 
 
 def test_a_lane_with_a_hand_wheel_has_a_car_of_its_own_that_it_steers() -> None:
     (three,) = (one for one in scenarios() if one.title == "Three cars by hand")
     lanes = lane_settings(three)
-    assert [lane.label for lane in lanes] == ["bmw 320i", "vw vanagon", "city bus"]
+    assert [lane.label for lane in lanes] == ["bmw 320i", "large sedan", "city bus"]
     assert len({lane.plant.vehicle.virtual_mass_kg for lane in lanes}) == 3
     for lane in lanes:
         assert lane.hand_wheel is not None
+        assert lane.is_driven
         assert lane.plant.hand_wheel is not None
         assert lane.plant.steering_force is not None
         assert lane.hand_wheel.nominal_model.virtual_mass_kg == lane.plant.vehicle.virtual_mass_kg

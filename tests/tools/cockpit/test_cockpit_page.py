@@ -70,7 +70,7 @@ def slide(identifier: str, value: float) -> str:
 
 def value_of(signal: str) -> str:
     """Return an expression for the newest value of a signal of the first lane."""
-    return f"cockpit.lanes[0].value('{signal}', cockpit.nowS)"
+    return f"cockpit.lanes[0]?.value('{signal}', cockpit.nowS)"
 
 
 def press(*words: str) -> str:
@@ -346,6 +346,56 @@ def test_a_lost_car_is_put_back_and_its_round_does_not_count(browser: Browser, l
     browser.wait_for("!cockpit.lost[0]")
     browser.wait_for(f"Math.abs({value_of('lateral_error_m')}) < 0.01")
     browser.wait_for("document.getElementById('score').textContent === 'The car is ready'")
+    in_order(browser, live)
+
+
+def test_a_car_is_driven_from_standstill_to_standstill(browser: Browser, live: str) -> None:
+    pads = "[{ axes: [0], buttons: [0, 0, 0, 0, 0, 0, { value: 0 }, { value: 1 }] }]"
+    opened(browser, live)
+    begin(browser, "Drive a car: start to stop")
+    browser.wait_for("cockpit.isDriven && cockpit.lanes.length")
+    browser.wait_for(f"{value_of('front_load_share')} > 0")
+    assert browser.read(value_of("speed_m_s")) == 0.0
+    at_rest = browser.read(value_of("front_load_share"))
+    browser.read(f"navigator.getGamepads = () => {pads}; 0")
+    browser.wait_for(f"{value_of('speed_m_s')} > 6 && {value_of('rear_grip_used')} > 0.2")
+    assert browser.read(value_of("front_load_share")) < at_rest
+    browser.read("delete navigator.getGamepads")
+    shown = browser.read("document.getElementById('gauges').innerText")
+    for label in ("Speed", "Yaw rate", "Across", "Rack force", "Grip front", "Load rear"):
+        assert label in shown
+    browser.resize(390, 844, is_phone=True)
+    assert browser.read("document.documentElement.scrollWidth") == 390
+    browser.resize(1366, 768)
+    assert (
+        browser.read("document.getElementById('felt-tools').getBoundingClientRect().bottom") <= 768
+    )
+    key(browser, "keyDown", "ArrowDown")
+    browser.wait_for(f"{value_of('speed_m_s')} === 0")
+    key(browser, "keyUp", "ArrowDown")
+    browser.resize(1280, 720)
+    in_order(browser, live)
+
+
+FELT_PAD = """{
+    window.felt = 0;
+    const vibrationActuator = { playEffect: async () => void window.felt++ };
+    navigator.getGamepads = () => [{ axes: [0.5], vibrationActuator }];
+}"""
+
+
+def test_a_wheel_shakes_in_no_hands_until_the_cdob_has_it(browser: Browser, live: str) -> None:
+    opened(browser, live)
+    begin(browser, "Feel it: hands off")
+    browser.wait_for("cockpit.isDriven && cockpit.lanes.length")
+    browser.read(FELT_PAD)
+    said = "document.getElementById('felt').textContent"
+    moment = browser.wait_for(f"{said}.match(/begun to shake .* plain: since (\\d+) s/)")
+    assert 0 < int(moment[1]) <= browser.read("cockpit.nowS")
+    assert browser.read("window.felt") > 0
+    browser.read(press("now with the CDOB"))
+    browser.wait_for(f"/still, .* with the CDOB: again since/.test({said})")
+    browser.read("delete navigator.getGamepads")
     in_order(browser, live)
 
 

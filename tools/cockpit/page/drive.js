@@ -1,5 +1,6 @@
 // Rounds of a minute in which the visitor steers: the steering wheel and the score.
 
+import { Felt, slider } from "cockpit/felt.js";
 import { Hand } from "cockpit/hand.js";
 import { colour } from "cockpit/theme.js";
 import { byId, element, length, setText } from "cockpit/words.js";
@@ -11,9 +12,9 @@ const STEERING_RATIO = 16; // of the steering wheel in the picture to the front 
 const LOCK_M_S2 = 3.5; // lateral acceleration at the stop, a little beyond what the steering allows
 const LOCK_RAD = 0.5;
 const SPEEDS_KM_H = [20, 30, 40];
-const CYCLES_MS = [1, 5, 10, 20];
+const DRIVEN_M_S2 = 8; // the same where the visitor drives: the tyres are the limit
+const PEDALS_M_S2 = [12, 5]; // how fast brake and accelerator change the speed that is asked for
 const FULL_N_M = 10; // of torque: a quarter of the rim
-const SLOW = 0.05; // share of the newest torque in its mean; what is faster is felt as vibration
 
 export class Drive {
   constructor(app) {
@@ -24,16 +25,17 @@ export class Drive {
     this.score = element("p", { id: "score" });
     this.speed = element("select", { id: "drive-speed", ariaLabel: "speed", onchange: () => this.restart() },
       ...SPEEDS_KM_H.map((speed) => element("option", { value: speed }, `${speed} km/h`)));
-    this.grip = element("select", { id: "grip", ariaLabel: "grip" });
-    this.cycle = element("select", { id: "wheel-cycle", ariaLabel: "cycle of the hand wheel", onchange: () => this.restart() },
-      ...CYCLES_MS.map((cycle) => element("option", { value: cycle }, `cycle ${cycle} ms`)));
-    this.meanN = 0;
+    this.car = element("select", { id: "car", ariaLabel: "car", onchange: () => this.restart() });
+    this.pedals = slider("Speed", "felt-speed", 0, 130, 1, (speed) => `${speed} km/h`, (speed) => (this.askedM_s = speed / 3.6));
+    this.felt = new Felt(app, () => this.restart());
+    this.felt.choice.after(this.pedals.box);
+    this.askedM_s = 0;
     this.again = element("button", { type: "button", id: "again", onclick: () => this.restart() }, "Again");
     this.onward = element("button", { type: "button", id: "next", className: "primary", onclick: () => this.next("") }, "Next round");
     this.full = element("button", { type: "button", id: "kiosk", onclick: () => this.toggleKiosk() }, "Full screen");
     this.home = element("a", { className: "download", href: "recording/lane1.html", download: "round.html", hidden: true }, "Take your round home");
-    const buttons = element("div", { className: "row" }, this.speed, this.grip, this.cycle, this.again, this.onward, this.full);
-    byId("drive").append(this.wheel, element("div", {}, this.text, this.score, buttons, this.home));
+    const buttons = element("div", { className: "row" }, this.car, this.speed, this.again, this.onward, this.full);
+    byId("drive").append(this.wheel, element("div", {}, this.text, this.felt.line, this.score, buttons, this.home), this.felt.box);
     document.addEventListener("fullscreenchange", () => {
       if (!document.fullscreenElement) this.setKiosk(false);
     });
@@ -60,34 +62,42 @@ export class Drive {
     return isWheel(this.scenario?.controllers[this.lane]);
   }
 
+  // Whether he sets the speed.
+  get drives() {
+    return this.lane >= 0 && this.scenario.driven_to_km_h !== null;
+  }
+
   // Begin with what runs now: a new scenario, or the page has just been opened.
   build() {
+    const before = this.scenarioBefore;
     this.scenario = this.app.head.scenario;
+    this.scenarioBefore = this.scenario?.title;
     const isShown = this.lane >= 0 || Boolean(this.scenario?.is_round);
     byId("drive").hidden = !isShown;
     this.app.isDriven = isShown;
     document.body.classList.toggle("driven", isShown);
     this.startS = this.goMs = null;
+    this.ask(0);
     if (!this.app.lanes.length) this.hand.letGo(); // who takes the wheel while the programs start has it
     if (!isShown) {
       if (this.scenario && this.isKiosk) this.start(this.rounds[0]);
       return;
     }
     this.speed.value = this.scenario.speed_km_h;
-    this.speed.hidden = !SPEEDS_KM_H.includes(this.scenario.speed_km_h);
-    this.grip.hidden = this.cycle.hidden = !this.feels;
-    this.cycle.value = this.scenario.wheel_cycle_ms;
-    if (!this.grip.children.length) {
-      this.grip.append(...this.app.head.choices.grips.map((grip) => element("option", { value: grip }, grip.replaceAll("_", " "))));
-      this.grip.value = "light";
-    }
+    this.speed.hidden = this.drives || !SPEEDS_KM_H.includes(this.scenario.speed_km_h);
+    this.pedals.box.hidden = !this.drives;
+    this.pedals.input.max = this.scenario.driven_to_km_h;
+    this.hand.keysPerS = this.drives ? 0.6 : 1.6;
+    this.car.hidden = !this.drives || this.scenario.plants.length > 0;
+    this.car.replaceChildren(...this.app.head.choices.cars.map((car) => element("option", { value: car, selected: car === this.scenario.plant }, car.replaceAll("_", " "))));
+    this.felt.build(this.scenario, this.lane, this.feels, this.scenario.title !== before);
     if (this.app.lanes.length) this.hand.stopRad = STEERING_RATIO * this.lockRad;
     setText(this.again, this.lane < 0 ? "Watch again" : "Again");
     this.tell();
   }
 
   tell() {
-    const how = this.lane < 0 ? "" : " Press ← or → to begin, drag the wheel, or take a gamepad.";
+    const how = this.lane < 0 ? "" : ` Press ${this.drives ? "↑" : "← or →"} to begin, drag the wheel, or take a gamepad.`;
     const waits = [this.result, this.scenario.note + how].filter(Boolean).join(" ");
     setText(this.text, this.startS === null ? waits : this.scenario.note);
   }
@@ -95,9 +105,11 @@ export class Drive {
   start(scenario, result = "") {
     this.result = result;
     const speed_km_h = this.scenario?.is_round && !this.speed.hidden ? Number(this.speed.value) : scenario.speed_km_h;
-    const wheel_cycle_ms = this.feels ? Number(this.cycle.value) : scenario.wheel_cycle_ms;
+    const isSame = scenario.title === this.scenario?.title;
+    const wheel_cycle_ms = isSame && this.feels ? this.felt.cycleMs : scenario.wheel_cycle_ms;
+    const plant = isSame && this.drives ? this.car.value : scenario.plant;
     this.app.wish({ do: "record", on: false });
-    this.app.wish({ do: "start", scenario: { ...scenario, speed_km_h, wheel_cycle_ms } });
+    this.app.wish({ do: "start", scenario: { ...scenario, speed_km_h, wheel_cycle_ms, plant } });
     this.scenario = null; // until the new one runs
   }
 
@@ -112,6 +124,7 @@ export class Drive {
 
   // The car is far off, and is put back: the round begins again and this one does not count.
   lose() {
+    this.ask(0);
     if (!this.scenario || this.feels) return; // a wheel that no one holds steers anywhere
     const drivenS = this.startS === null ? 0 : Math.round(this.app.nowS - this.startS);
     this.result = `The car was lost after ${drivenS} s; this round does not count.`;
@@ -142,24 +155,24 @@ export class Drive {
   step(elapsedS, nowMs) {
     if (byId("drive").hidden || !this.scenario) return;
     this.hand.step(elapsedS);
-    const { nowS } = this.app;
+    const { nowS } = this.app, { pedal } = this.hand;
+    if (this.drives && pedal) this.ask(this.askedM_s + pedal * PEDALS_M_S2[pedal > 0 ? 1 : 0] * elapsedS);
+    if (this.app.lanes.length) this.hand.stopRad = STEERING_RATIO * this.lockRad;
     const lane = Math.max(this.lane, 0), rows = this.app.lanes[lane];
     const isThere = Number.isFinite(rows?.value("lateral_error_m", nowS)) && !this.app.lost[lane];
     const isDriver = this.lane >= 0 && this.hand.isOn;
     if (isThere && isDriver) this.goMs ??= nowMs + COUNTDOWN_MS;
     const isGo = this.lane < 0 || (this.goMs !== null && nowMs >= this.goMs);
-    const isHeld = !this.feels || this.grip.value !== "hands_off";
-    if (isDriver && isGo && isHeld && nowMs - this.sentMs >= SEND_MS) {
+    if (isDriver && isGo && nowMs - this.sentMs >= SEND_MS) {
       this.sentMs = nowMs;
-      this.app.wish({ do: "steer", steer_rad: this.steerRad, grip: this.grip.value || "light" });
+      this.app.wish({ do: "steer", steer_rad: this.steerRad, grip: this.felt.grip ?? "light", speed_m_s: this.askedM_s, wheel: this.felt.wheel });
     }
-    if (this.feels) this.vibrate(rows?.value("feedback_torque_n_m", nowS));
+    if (this.feels) this.felt.step(elapsedS, nowS, rows, this.hand.position);
     // The minute begins with the first command on the bus: the hand's process takes seconds to start.
     const isSteered = Number.isFinite(rows?.value(this.feels ? "hand_wheel_rad" : "steer_rad", nowS));
     if (this.startS === null && isThere && isGo && isSteered) this.begin(nowS);
     this.drawWheel(nowS);
-    if (this.feels && isThere && !isHeld) setText(this.score, this.felt);
-    else if (this.startS !== null) this.count(nowS - this.startS);
+    if (this.startS !== null) this.count(nowS - this.startS);
     else setText(this.score, this.wait(isThere, isDriver, nowMs));
     if (this.startS === null && this.isKiosk && nowS > ROUND_S && this.scenario.title !== this.rounds[0].title) this.welcome();
   }
@@ -171,10 +184,17 @@ export class Drive {
     return nowMs < this.goMs ? String(Math.ceil((this.goMs - nowMs) / 1000)) : "Go";
   }
 
+  // Ask for a speed.
+  ask(speedM_s) {
+    this.askedM_s = Math.min(Math.max(speedM_s, 0), (this.scenario?.driven_to_km_h ?? 0) / 3.6);
+    this.pedals.set(3.6 * this.askedM_s);
+  }
+
   get lockRad() {
-    const speed = this.scenario.speed_km_h / 3.6;
+    const lane = Math.max(this.lane, 0), now = this.app.lanes[lane]?.value("speed_m_s", this.app.nowS) || 0;
+    const speed = this.drives ? now : this.scenario.speed_km_h / 3.6;
     const { front_axle_m, rear_axle_m } = this.app.head.lanes[0];
-    return Math.min(LOCK_RAD, (LOCK_M_S2 * (front_axle_m + rear_axle_m)) / speed ** 2);
+    return Math.min(LOCK_RAD, ((this.drives ? DRIVEN_M_S2 : LOCK_M_S2) * (front_axle_m + rear_axle_m)) / speed ** 2);
   }
 
   get steerRad() {
@@ -195,28 +215,13 @@ export class Drive {
     const { rms_m, in_lane } = this.app.status?.lanes[Math.max(this.lane, 0)]?.score ?? {};
     if (rms_m == null) return;
     const left = Math.max(Math.ceil(ROUND_S - drivenS), 0);
-    const result = `RMS ${length(rms_m, true)} · in lane ${(100 * in_lane).toFixed(0)}\u00a0%`;
+    const shaken = this.feels && !this.drives ? ` · shaken ${this.felt.shakenS.toFixed(0)} s` : "";
+    const result = `RMS ${length(rms_m, true)} · in lane ${(100 * in_lane).toFixed(0)}\u00a0%${shaken}`;
+    if (!this.scenario.is_round) return setText(this.score, result);
     setText(this.score, `${left} s · ${result}`);
     if (left) return;
     if (this.lane >= 0) this.home.hidden = false;
     this.next(`That minute: ${result}.`);
-  }
-
-  // Whether the wheel of each lane shakes.
-  get felt() {
-    const lanes = this.app.status?.lanes ?? [];
-    return lanes.map(({ hand_wheel }, lane) => `${this.app.head.lanes[lane].label}: ${hand_wheel || "not heard yet"}`).join(" · ");
-  }
-
-  // A gamepad shakes with what is fast in the torque, where the browser lets it.
-  vibrate(torqueN) {
-    if (!Number.isFinite(torqueN)) return;
-    this.meanN += SLOW * (torqueN - this.meanN);
-    const strongMagnitude = Math.min(Math.abs(torqueN - this.meanN) / 3, 1);
-    if (strongMagnitude < 0.05) return;
-    for (const pad of navigator.getGamepads?.() ?? []) {
-      pad?.vibrationActuator?.playEffect?.("dual-rumble", { duration: 50, strongMagnitude, weakMagnitude: 0 }).catch(() => {});
-    }
   }
 
   // The rim turns with the hand; the mark on it is where the wheels of the car are.

@@ -1,8 +1,9 @@
 // The visitor's hand on arrow keys, mouse or finger, gamepad or USB wheel: one angle of all of them.
 
-const PER_S = 1.6; // how fast a key turns, and how fast a wheel that was let go returns
 const RIM = 0.4; // radius of the rim over the width of the picture
 const HUB = 0.3; // of the rim's radius: who takes the wheel there pulls it as at the top
+const KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
+const TRIGGERS = [6, 7]; // of a gamepad: brake, accelerator
 const DEAD = 0.04; // of a stick in its middle
 
 export class Hand {
@@ -10,6 +11,7 @@ export class Hand {
   constructor(wheel) {
     this.wheel = wheel;
     this.stopRad = 1;
+    this.keysPerS = 1; // how fast a key turns, and how fast a wheel that was let go returns
     this.position = 0; // from −1, right stop, to 1, left stop
     this.isOn = false; // whether somebody has touched anything yet
     this.keys = new Set();
@@ -47,10 +49,16 @@ export class Hand {
   }
 
   onKey(event, isDown) {
-    if (!["ArrowLeft", "ArrowRight"].includes(event.key) || event.target.closest("input, select, textarea")) return;
+    if (!KEYS.includes(event.key) || event.target.closest("input, select, textarea")) return;
     if (isDown) this.keys.add(event.key);
     else this.keys.delete(event.key);
     this.isOn ||= isDown;
+  }
+
+  // Accelerator 1, brake −1.
+  get pedal() {
+    const [brake, accelerator] = TRIGGERS.map((button) => pads().find((pad) => pad.buttons?.[button])?.buttons[button].value ?? 0);
+    return within(accelerator - brake + this.keys.has("ArrowUp") - this.keys.has("ArrowDown"));
   }
 
   letGo() {
@@ -61,16 +69,21 @@ export class Hand {
 
   step(elapsedS) {
     const toLeft = this.keys.has("ArrowLeft") - this.keys.has("ArrowRight");
-    const stick = [...(navigator.getGamepads?.() ?? [])].find((pad) => pad?.axes.length)?.axes[0] ?? 0;
+    const stick = pads().find((pad) => pad.axes.length)?.axes[0] ?? 0;
+    this.isOn ||= this.pedal > 0;
     if (this.dragged) return;
     if (!toLeft && Math.abs(stick) > DEAD) {
       this.position = within(-stick);
       this.isOn = true;
       return;
     }
-    const most = PER_S * elapsedS;
+    const most = this.keysPerS * elapsedS;
     this.position += Math.min(Math.max(toLeft - this.position, -most), most);
   }
+}
+
+function pads() {
+  return [...(navigator.getGamepads?.() ?? [])].filter(Boolean);
 }
 
 function within(position) {

@@ -90,7 +90,11 @@ export class Network {
   }
 
   toggleIce() {
-    this.load.friction = this.load.friction === 1 ? this.app.head.choices.ice_friction : 1;
+    this.setFriction(this.load.friction === 1 ? this.app.head.choices.ice_friction : 1);
+  }
+
+  setFriction(friction) {
+    this.load.friction = friction;
     pressed(this.ice, this.load.friction !== 1);
     this.disturb();
   }

@@ -5,6 +5,7 @@ import { Drive } from "cockpit/drive.js";
 import { startKeys } from "cockpit/keys.js";
 import { Link } from "cockpit/link.js";
 import { Network } from "cockpit/latency_and_disturbances.js";
+import { Gauges } from "cockpit/gauges.js";
 import { Figures, Frames, Lights } from "cockpit/panels.js";
 import { Player } from "cockpit/player.js";
 import { readRecording } from "cockpit/recording.js";
@@ -26,6 +27,7 @@ const app = {
   moveOn() { this.hasMoved = true; }, // nothing but the time is another
   wish(wish) { this.link?.wish(wish); },
   get charts() { return charts; },
+  get network() { return network; },
   get nowS() { return this.player?.nowS ?? this.heldS ?? Math.max(0, ...this.lanes.map((rows) => rows.endS)); },
   selectLane(lane) {
     if (lane >= this.lanes.length) return;
@@ -34,7 +36,7 @@ const app = {
   },
 };
 const charts = new Charts(app), scene = new Scene(app), figures = new Figures(app);
-const lights = new Lights(app), frames = new Frames(app), network = new Network(app), setup = new Setup(app), drive = new Drive(app);
+const lights = new Lights(app), frames = new Frames(app), network = new Network(app), setup = new Setup(app), drive = new Drive(app), gauges = new Gauges(app);
 
 function take(head) {
   app.head = head;
@@ -48,7 +50,7 @@ function take(head) {
 
 function build() {
   if (!app.head) return;
-  for (const part of [charts, figures, lights, frames]) part.build();
+  for (const part of [charts, figures, gauges, lights, frames]) part.build();
   app.touch();
 }
 
@@ -124,6 +126,7 @@ function frame(now) {
     if (isTouched || Math.abs(nowS - readS) >= READ_S) {
       readS = nowS;
       figures.draw(nowS);
+      gauges.draw(nowS);
       setText(byId("clock"), `${nowS.toFixed(1)} s`);
     }
     if (app.player) {

@@ -7,6 +7,7 @@ import { drawSteer, drawVehicle, write } from "cockpit/vehicle.js";
 
 const ROAD_M = 3.5;
 const PATH_DASH_M = [0.8, 0.6];
+const BEYOND_M = 1e5; // of an open path
 const FAR_M = 0.3; // off the path: nothing beyond it is magnified
 const TRAIL_S = 15, TRAIL_ROWS = 4;
 const ZOOM_MIN = 3, ZOOM_MAX = 120, ZOOM_STEP = 1.3;
@@ -72,6 +73,7 @@ export class Scene {
 
   draw(nowS) {
     const pen = this.drawNothing("");
+    if (!this.canvas.clientHeight) return; // nothing has a scale there
     let drawn = 1;
     const places = viewports(this.app.lanes.length, this.canvas.clientWidth, this.canvas.clientHeight);
     places.forEach((place, lane) => {
@@ -252,7 +254,7 @@ function drawGrid(pen, camera, reach) {
 }
 
 function drawPath(pen, camera, reach, facts, rows, at) {
-  const points = facts.path_m.length ? facts.path_m : pathSoFar(rows, rows.isWhole ? rows.length - 1 : at, 3);
+  const points = facts.path_m.length ? (facts.drawn_m ??= withEnd(facts)) : pathSoFar(rows, rows.isWhole ? rows.length - 1 : at, 3);
   pen.lineJoin = "round";
   for (const piece of piecesWithin(points, facts.path_is_closed, camera, reach)) {
     trace(pen, piece.points);
@@ -263,6 +265,13 @@ function drawPath(pen, camera, reach, facts, rows, at) {
     ink(pen, colour("path"), 1.2 / camera.scale);
     pen.setLineDash([]);
   }
+}
+
+// An open path goes straight on behind its end.
+function withEnd({ path_m: points, path_is_closed: isClosed }) {
+  const [[fromX, fromY], [x, y]] = points.slice(-2);
+  const far = BEYOND_M / Math.hypot(x - fromX, y - fromY);
+  return isClosed ? points : [...points, [x + far * (x - fromX), y + far * (y - fromY)]];
 }
 
 // The pieces of a path that may be seen, each with its distance along the path.
