@@ -13,13 +13,7 @@ from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import Settings, SharedTable, load_settings, read_preset, read_table
 from ..runtime.settings.plugin import Part
 from .evaluation.run_verdict import VerdictRules
-from .faults.settings import (
-    FAULTS_MAX,
-    MOTOR_FAULTS,
-    STEERING_FAULTS,
-    FaultKind,
-    FaultSettings,
-)
+from .faults.settings import FAULTS_MAX, MOTOR_FAULTS, STEERING_FAULTS, FaultKind, FaultSettings
 from .network.settings import BothLatencySettings
 from .path.corridor import CORRIDOR_M
 from .path.settings import CorridorSettings, EllipseSettings, PathSettings, find_path_model

@@ -16,14 +16,7 @@ from ...dbc.codec.protection import COUNTERS, protect
 from ...dbc.contract.generated_layout import LAYOUTS
 from ...dbc.messages import CAN_IDS, DATA_IDS, MESSAGE_TYPES, Decoded, decode, encode, limits
 from ...runtime.frame import Frame
-from .settings import (
-    ALL,
-    MESSAGES_OF,
-    NAMES,
-    OUR_NAMES,
-    FaultSettings,
-    fields_of,
-)
+from .settings import ALL, MESSAGES_OF, NAMES, OUR_NAMES, FaultSettings, fields_of
 
 if TYPE_CHECKING:
     from .messages_of_car import MessagesOfCar

@@ -73,22 +73,15 @@ def command_wheel(
         goal = wheel_rad
     distance_rad = abs(goal - wheel_rad)
     if rate_limit_rad_s == math.inf or distance_rad <= rate_limit_rad_s * lag_s:
-        return _after_ramp(p, wheel_rad, goal, clipped)
+        return end_ramp(p, wheel_rad, goal, clipped)
     ramp_s = distance_rad / rate_limit_rad_s - lag_s
     rate = math.copysign(rate_limit_rad_s, goal - wheel_rad)
     end_ns = now_ns + math.ceil(ramp_s * NS_PER_S)
     return wheel_rad, rate, _RAMPING, goal, clipped, end_ns
 
 
-def end_ramp(p: ActuatorParams, segment: WheelSegment, wheel_rad: float) -> WheelSegment:
+def end_ramp(p: ActuatorParams, wheel_rad: float, goal_rad: float, clipped: bool) -> WheelSegment:
     """Return the segment that follows a ramp which has reached ``wheel_rad``."""
-    _, _, _, goal_rad, clipped, _ = segment
-    return _after_ramp(p, wheel_rad, goal_rad, clipped)
-
-
-def _after_ramp(
-    p: ActuatorParams, wheel_rad: float, goal_rad: float, clipped: bool
-) -> WheelSegment:
     if p.lag_s > 0.0:
         rate = (goal_rad - wheel_rad) / p.lag_s
         return wheel_rad, rate, _SETTLING, goal_rad, clipped, NEVER_NS

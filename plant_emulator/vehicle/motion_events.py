@@ -102,9 +102,9 @@ def _pass_event(p: MotionParams, x: MotionState) -> MotionState:
     first_row, event_ns, wheel, place, place_end_ns, interval, interval_end_ns = course
     z = propagate(p.table, first_row, z, event_ns - time_ns)
     beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r = z
-    _, _, _, _, _, wheel_end_ns = wheel
+    _, _, _, goal_rad, clipped, wheel_end_ns = wheel
     if wheel_end_ns == event_ns:
-        wheel = end_ramp(p.actuator, wheel, delta)
+        wheel = end_ramp(p.actuator, delta, goal_rad, clipped)
         delta, delta_rate, _, _, _, _ = wheel
     if place_end_ns == event_ns:
         place = next_place(p.path, place)

@@ -22,14 +22,7 @@ idle bus, so they neither get a stuff bit nor lengthen a run.
 from functools import lru_cache
 from typing import NamedTuple
 
-from .frame import (
-    BITRATE_SWITCH,
-    ERROR,
-    EXTENDED,
-    FD,
-    REMOTE,
-    Frame,
-)
+from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 INTERMISSION_BITS = 3
 """Recessive bits between two frames, at the nominal bit rate."""

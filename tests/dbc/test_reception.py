@@ -18,13 +18,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.reception import NOTICE_NS, Reception
 from steer_by_wire.plant_emulator.steering.plan_buffer import PLAN_VALUES
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from tests.support.frames.made_messages import (
-    command_of,
-    error_of,
-    latency_of,
-    motion_of,
-    plan_of,
-)
+from tests.support.frames.made_messages import command_of, error_of, latency_of, motion_of, plan_of
 
 MS = 1_000_000
 RULE = CounterRule(lead_ns=30 * MS, resync_run=3, resync_ns=100 * MS)

@@ -5,11 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.studies.compiled_figures import (
-    Figures,
-    figures_of,
-    latency_figures,
-)
+from steer_by_wire.closed_loop.studies.compiled_figures import Figures, figures_of, latency_figures
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd, Verdict, VerdictRules
 from tests.support.runs.study_signals import (
     NO_COMMANDS,

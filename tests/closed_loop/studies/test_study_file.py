@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
-from steer_by_wire.closed_loop.studies.factors import (
-    Factor,
-    Level,
-    make_design,
-    make_factor,
-)
+from steer_by_wire.closed_loop.studies.factors import Factor, Level, make_design, make_factor
 from steer_by_wire.closed_loop.studies.scenario import Scenarios, replicate_seed
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.study_file import (

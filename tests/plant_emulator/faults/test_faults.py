@@ -10,12 +10,7 @@ from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.compiled.refusals import NotCompiledError
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
-from steer_by_wire.dbc.messages import (
-    Rejection,
-    SteeringCommand,
-    decode,
-    encode,
-)
+from steer_by_wire.dbc.messages import Rejection, SteeringCommand, decode, encode
 from steer_by_wire.plant_emulator.faults.effects import EFFECTS
 from steer_by_wire.plant_emulator.faults.settings import MAGNITUDES, FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode, with_faults

@@ -15,10 +15,7 @@ from steer_by_wire.plant_emulator.network.latency_distributions import (
     RESOLUTION_S,
     Distribution,
 )
-from steer_by_wire.plant_emulator.network.latency_draw import (
-    correlated_score,
-    uniform_of_score,
-)
+from steer_by_wire.plant_emulator.network.latency_draw import correlated_score, uniform_of_score
 
 U_MIN, U_MAX = 2.0**-54, 1.0 - 2.0**-53
 MEAN_S, SPREAD_S = 0.080, 0.030

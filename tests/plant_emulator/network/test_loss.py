@@ -7,12 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.plant_emulator.network.loss import (
-    LossParams,
-    bernoulli,
-    gilbert,
-    loss_step,
-)
+from steer_by_wire.plant_emulator.network.loss import LossParams, bernoulli, gilbert, loss_step
 
 FRAMES = 200_000
 probabilities = st.floats(0.0, 1.0)

@@ -2,11 +2,7 @@
 
 import pytest
 
-from steer_by_wire.dbc.messages import (
-    SteeringStatus,
-    SteeringStatusCode,
-    encode,
-)
+from steer_by_wire.dbc.messages import SteeringStatus, SteeringStatusCode, encode
 from steer_by_wire.plant_emulator.faults.settings import FaultSettings
 from steer_by_wire.plant_emulator.faults.stage import FaultyNode
 from tests.support.frames.made_messages import plan_of

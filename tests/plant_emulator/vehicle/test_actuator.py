@@ -106,12 +106,12 @@ def test_ramp_ends_where_the_lag_takes_over() -> None:
     p = ActuatorParams(lag_s=0.1, rate_limit_rad_s=0.5)
     ramp = command_wheel(p, 0.0, 0.2, 1000)
     # 0.2 rad to go, of which the last 0.5 · 0.1 rad are settled: 0.15 rad at 0.5 rad/s.
-    _, wheel_rate_rad_s, phase, _, _, end_ns = ramp
+    _, wheel_rate_rad_s, phase, goal_rad, clipped, end_ns = ramp
     assert phase is WheelPhase.RAMPING
     assert wheel_rate_rad_s == 0.5
     assert end_ns == pytest.approx(1000 + 300_000_000, abs=1)
     assert is_limited(ramp)
-    settling = end_ramp(p, ramp, 0.15)
+    settling = end_ramp(p, 0.15, goal_rad, clipped)
     _, wheel_rate_rad_s, phase, _, _, end_ns = settling
     assert phase is WheelPhase.SETTLING
     assert wheel_rate_rad_s == pytest.approx(0.5)

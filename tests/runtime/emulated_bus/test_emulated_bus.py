@@ -16,12 +16,7 @@ import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.emulated_bus.protocol import (
-    ANSWER,
-    CLASSIC_BYTES,
-    Hello,
-    pack_frame,
-)
+from steer_by_wire.runtime.emulated_bus.protocol import ANSWER, CLASSIC_BYTES, Hello, pack_frame
 from steer_by_wire.runtime.frame import EXTENDED, REMOTE, Frame
 from tests.support.programs.broker_program import client, message, receive
 from tests.support.programs.broker_program import stack as stack

@@ -12,11 +12,7 @@ from steer_by_wire.runtime.emulated_bus.broker_connection import (
     READ_BYTES,
     Cause,
 )
-from steer_by_wire.runtime.emulated_bus.protocol import (
-    CLASSIC_BYTES,
-    HELLO,
-    pack_frame,
-)
+from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_BYTES, HELLO, pack_frame
 from steer_by_wire.runtime.frame import Frame
 from tests.support.programs.broker_bench import (
     CLASSIC_FRAME_NS,

@@ -4,10 +4,7 @@ from collections import deque
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.socketcan_error_frames import (
-    BUS_OFF,
-    FORGED_BUS_OFF,
-)
+from steer_by_wire.runtime.bus_model.socketcan_error_frames import BUS_OFF, FORGED_BUS_OFF
 from steer_by_wire.runtime.exit_status import BusError
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.node.real_time_loop import Received

@@ -16,11 +16,7 @@ from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.frame.socketcan_layout import packed, unpacked
 from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.runtime.port import socketcan
-from steer_by_wire.runtime.port.socketcan import (
-    ArrivalClock,
-    SocketCanPort,
-    checked_filters,
-)
+from steer_by_wire.runtime.port.socketcan import ArrivalClock, SocketCanPort, checked_filters
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has SocketCAN")
 

@@ -13,10 +13,7 @@ from contextlib import AbstractContextManager
 
 import pytest
 
-from steer_by_wire.runtime.program.priority_and_memory_lock import (
-    HostAnswer,
-    real_time,
-)
+from steer_by_wire.runtime.program.priority_and_memory_lock import HostAnswer, real_time
 
 
 def everything() -> AbstractContextManager[list[HostAnswer]]:

@@ -5,13 +5,7 @@ from typing import Any
 
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.dbc.messages import (
-    Decoded,
-    Message,
-    SteeringCommand,
-    decode,
-    encode,
-)
+from steer_by_wire.dbc.messages import Decoded, Message, SteeringCommand, decode, encode
 from steer_by_wire.runtime.frame import Frame
 from tests.support.frames.made_messages import error_of
 

@@ -15,11 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.dbc.messages import (
-    CAN_IDS,
-    SteeringCommand,
-    encode,
-)
+from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand, encode
 from steer_by_wire.runtime.bus_model.socketcan_error_frames import error_causes
 from steer_by_wire.runtime.exit_status import BusError, ExitStatus
 from steer_by_wire.runtime.frame import ERROR, Frame

@@ -9,12 +9,7 @@ import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
-from steer_by_wire.dbc.messages import (
-    Direction,
-    LatencyModel,
-    decode,
-    encode,
-)
+from steer_by_wire.dbc.messages import Direction, LatencyModel, decode, encode
 from steer_by_wire.runtime.frame.message import frame_of, message_of
 from steer_by_wire.tools.cockpit.__main__ import main
 from tests.support.frames.made_messages import error_of, latency_of

@@ -12,12 +12,7 @@ import aiohttp
 import pytest
 from yarl import URL
 
-from steer_by_wire.dbc.messages import (
-    Direction,
-    DisturbanceConfig,
-    LatencyModel,
-    encode,
-)
+from steer_by_wire.dbc.messages import Direction, DisturbanceConfig, LatencyModel, encode
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node.real_time_loop import Received
 from steer_by_wire.tools.cockpit.lane import ROWS_KEPT, Lane
