@@ -6,21 +6,6 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def without_garbage_collection() -> Iterator[None]:
-    """Collect now, and not again until the end of the block.
-
-    Reference counting still frees everything outside of reference cycles.
-    """
-    gc.collect()
-    gc.freeze()
-    try:
-        with no_collections():
-            yield
-    finally:
-        gc.unfreeze()
-
-
-@contextmanager
 def no_collections() -> Iterator[None]:
     """Collect no garbage until the end of the block; nodes make no reference cycles."""
     was_enabled = gc.isenabled()

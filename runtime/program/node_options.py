@@ -41,7 +41,14 @@ def make_parser(
     parser.add_argument(
         "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
     )
-    add_real_time_arguments(parser)
+    group = parser.add_argument_group("real time, as far as the host grants it")
+    group.add_argument(
+        "--priority", type=priority, default=50, metavar="0..99",
+        help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
+    )  # fmt: skip
+    group.add_argument(
+        "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
+    )
     add_bus_arguments(parser)
     return parser
 
@@ -77,18 +84,6 @@ def _preset_action(package: str) -> type[argparse.Action]:
             options.preset = name
 
     return PresetAction
-
-
-def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the requests to the host, for the programs and the probe."""
-    group = parser.add_argument_group("real time, as far as the host grants it")
-    group.add_argument(
-        "--priority", type=priority, default=50, metavar="0..99",
-        help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
-    )  # fmt: skip
-    group.add_argument(
-        "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
-    )
 
 
 def load_program_settings(

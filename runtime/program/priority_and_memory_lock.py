@@ -4,6 +4,7 @@ No refusal is an error: it may make the program late at times, which the report 
 """
 
 import ctypes
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ from typing import NamedTuple
 
 from ..command_line import whole_number
 from ..exit_status import cause_of
-from .garbage_collection import without_garbage_collection
+from .garbage_collection import no_collections
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
@@ -40,7 +41,9 @@ def real_time(priority: int, *, lock_memory: bool = False) -> Iterator[list[Host
     answers = [_timer_slack()]
     if lock_memory:
         answers.append(_locked_memory())
-    with without_garbage_collection():
+    gc.collect()
+    gc.freeze()  # reference counting still frees all outside of cycles
+    with no_collections():
         answers.append(HostAnswer("garbage collector", True, "frozen, off during the run"))
         fifo = _fifo(priority) if priority else None
         if fifo is not None:
@@ -48,6 +51,7 @@ def real_time(priority: int, *, lock_memory: bool = False) -> Iterator[list[Host
         try:
             yield answers
         finally:
+            gc.unfreeze()
             if fifo is not None and fifo.got:
                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 

@@ -1,37 +1,12 @@
-"""The report of a run: settings, host, figures and how it ended, as JSON and in a few lines."""
+"""The report of a run, as JSON and in a few lines."""
 
 import json
 import math
-import platform
 from collections.abc import Callable, Iterator, Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ..command_line import DISTRIBUTION
 from ..output_file import write_text
-from ..settings import Settings
-
-
-def run_report(
-    program: str,
-    ended_by: str,
-    bus: str,
-    settings: Settings,
-    loop: Mapping[str, Any],
-    node: Mapping[str, Any],
-) -> dict[str, Any]:
-    """Return the report of one run, with those of the real-time loop and of the node."""
-    return {
-        "program": program,
-        "version": version(DISTRIBUTION),
-        "python": platform.python_version(),
-        "ended_by": ended_by,
-        "bus": bus,
-        "settings": settings.model_dump(mode="json"),
-        "loop": loop,
-        "node": dict(node),
-    }
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -6,13 +6,15 @@ are refused before the run.
 """
 
 import argparse
+import platform
 import sys
 import time
 from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
+from importlib.metadata import version
 from typing import Any, NamedTuple
 
-from ..command_line import say
+from ..command_line import DISTRIBUTION, say
 from ..exit_status import BusError, ExitStatus, most_severe
 from ..node import NS_PER_S, N, ReportingNode, innermost
 from ..node.real_time_loop import RealTimeExecutor, unobserved
@@ -23,7 +25,7 @@ from ..settings import Settings
 from ..settings.plugin import PartError
 from .fail_if_conditions import Ending, fail_status
 from .priority_and_memory_lock import real_time
-from .report import run_report, summary_lines, write_json
+from .report import summary_lines, write_json
 from .screen import Observer, Screen
 from .stop_request import StopRequest
 
@@ -120,10 +122,19 @@ def run_node(
         if fault:
             say(name, f"error: safe state: {fault}", sys.stderr)
         ended_by = f"safe state: {fault}" if fault and run.ended_by == FINISHED else run.ended_by
-        report = run_report(name, ended_by, connection.description, settings, run.loop, figures)
-        report["connection"] = connection.report()
-        report["host"] = run.host
-        report["recording"] = None if recorded is None else recorded._asdict()
+        report = {
+            "program": name,
+            "version": version(DISTRIBUTION),
+            "python": platform.python_version(),
+            "ended_by": ended_by,
+            "bus": connection.description,
+            "settings": settings.model_dump(mode="json"),
+            "loop": run.loop,
+            "node": dict(figures),
+            "connection": connection.report(),
+            "host": run.host,
+            "recording": None if recorded is None else recorded._asdict(),
+        }
         if options.json is not None:
             write_json(options.json, report)
         for line in summary_lines(report):

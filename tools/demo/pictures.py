@@ -18,14 +18,9 @@ SHOWN_MM = (0.5, 2000.0)
 """The ends of the error's axis; beyond them a car is lost."""
 
 
+@plot_style()
 def draw(results: Sequence[LawResult], phases: Sequence[Phase], path: Path) -> None:
-    """Write the picture to ``path``."""
-    with plot_style():
-        draw_lateral_error(results, phases).savefig(path)
-
-
-def draw_lateral_error(results: Sequence[LawResult], phases: Sequence[Phase]) -> Figure:
-    """Running RMS of the car's deviation over time, and below the latency that all laws meet."""
+    """Write the running RMS of the cars' deviations over time, and below it the latency."""
     figure = Figure(figsize=(9.0, 6.5))
     error, latency = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
     names = {law.label: law.preset.removeprefix("practical_") for law in LAWS}
@@ -46,7 +41,7 @@ def draw_lateral_error(results: Sequence[LawResult], phases: Sequence[Phase]) ->
     for axes in (error, latency):
         mark_phases(axes, phases, is_named=axes is error)
     figure.legend(loc="outside lower center", ncols=3)
-    return figure
+    figure.savefig(path)
 
 
 def mark_phases(axes: Axes, phases: Sequence[Phase], *, is_named: bool) -> None:
