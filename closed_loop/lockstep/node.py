@@ -6,10 +6,8 @@ from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
-from ...dbc.bus_language import BusLanguage
 from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, View
-from ...runtime.node.end import End
+from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ..processes.process_group import ProcessError
 from .library import LockstepPeer, lockstep_peer
 from .record import DEADLINE, FRAMES, FRAMES_MAX, START, WAKE_ON_FRAMES, Arrival, Record
@@ -109,13 +107,3 @@ def controller_node(
         return
     with lockstep_peer(controller) as program:
         yield LockstepNode(program, 0)
-
-
-def controller_in(
-    language: BusLanguage, controller: ControllerNode | LockstepNode, start_ns: int = 0
-) -> ReportingNode:
-    """Return the controller as it is on a bus; a program speaks a car's language of itself."""
-    if isinstance(controller, LockstepNode):
-        return controller
-    controller.leave_out(language.missing)
-    return language.at_edge(controller, End.CONTROLLER, start_ns)

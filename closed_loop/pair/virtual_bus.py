@@ -40,6 +40,11 @@ def shared_bus(settings: BusSettings, seed: int) -> BusModel:
     return BusModel(settings.bitrate_bit_s, errors=errors, traffic=traffic, is_lossy=True)
 
 
-def virtual_bus(settings: BusSettings, seed: int) -> BusModel:
-    """Like ``shared_bus``, but a bus for the nodes alone raises BusOverflowError."""
+def virtual_bus(settings: BusSettings | None, seed: int) -> BusModel | None:
+    """Like ``shared_bus``, but a bus for the nodes alone raises BusOverflowError.
+
+    Without settings there is none: the wire takes no time.
+    """
+    if settings is None:
+        return None
     return BusModel(settings.bitrate_bit_s) if settings.is_quiet else shared_bus(settings, seed)

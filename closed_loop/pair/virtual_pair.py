@@ -3,11 +3,12 @@
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
+from ...hand_wheel.node import HandWheelNode
 from ...plant_emulator.evaluation.run_record import SAMPLES_MAX
 from ...plant_emulator.faults.messages_on_bus import messages_in
 from ...plant_emulator.faults.stage import with_faults
@@ -27,32 +28,87 @@ from .virtual_bus import QUIET_BUS, Controlled, virtual_bus
 SLICE_NS = 1_000_000_000
 START_S_MAX = 60
 """After this time a plant that waits for its first command waits in vain [s]."""
+N = TypeVar("N", bound=ReportingNode)
 
 
-class VirtualPair(NamedTuple):
-    """Both nodes of a run that begins at 0.
+class VirtualPair(NamedTuple, Generic[N]):
+    """Both nodes of a run that begins at 0, and a hand wheel if there is one.
 
-    ``plant``  the plant itself, with its samples
-    ``edge``   the plant behind the faults of its settings: the node on the bus
+    ``plant``            the plant itself, with its samples
+    ``edge``             the plant behind the faults of its settings: the node on the bus
+    ``controller``       the controller itself
+    ``controller_edge``  as it is on the bus
     """
 
     plant: PlantNode
     edge: ReportingNode
-    controller: ControllerNode
+    controller: N
+    controller_edge: ReportingNode
+    hand_wheel: HandWheelNode | None = None
+
+    def run(
+        self,
+        bus: Wire | None = None,
+        candump_log: Path | None = None,
+        should_stop: Callable[[], bool] = lambda: False,
+        on_wire: Callable[[int, int, Frame], None] | None = None,
+    ) -> None:
+        """Run until the plant has finished, has waited START_S_MAX in vain, or ``should_stop()``.
+
+        ``bus``  between them; None is a wire that takes no time
+
+        The others are as in ``run_virtual_nodes``.
+        """
+        seconds = iter(range(START_S_MAX))
+
+        def ends() -> bool:
+            return should_stop() or (not self.has_started and next(seconds, None) is None)
+
+        others = () if self.hand_wheel is None else (self.hand_wheel,)
+        nodes = self.edge, self.controller_edge
+        run_virtual_nodes(*nodes, bus, candump_log, ends, on_wire, others)
+
+    @property
+    def has_started(self) -> bool:
+        """Whether the plant has begun to move."""
+        return self.plant.motion_start_ns != NEVER_NS
 
 
 def make_virtual_pair(
-    plant_settings: PlantSettings,
-    controller_settings: ControllerSettings,
+    plant: PlantSettings,
+    controller: ControllerSettings,
     plant_samples_max: int = SAMPLES_MAX,
     controller_samples_max: int = 0,
-) -> VirtualPair:
-    """Make both nodes, not yet run; the one place where tools build them for virtual time.
+    *,
+    language: BusLanguage = OUR_LANGUAGE,
+    hand_wheel: HandWheelNode | None = None,
+) -> VirtualPair[ControllerNode]:
+    """Make both nodes of the settings, not yet run.
 
     ``plant_samples_max``, ``controller_samples_max``  how many samples each keeps
+    ``language``  of the bus
     """
-    plant, edge = make_virtual_plant(plant_settings, plant_samples_max)
-    return VirtualPair(plant, edge, ControllerNode(controller_settings, 0, controller_samples_max))
+    node = ControllerNode(controller, 0, controller_samples_max)
+    return pair_with(plant, node, plant_samples_max, language, hand_wheel)
+
+
+def pair_with(
+    settings: PlantSettings,
+    controller: N,
+    samples_max: int = SAMPLES_MAX,
+    language: BusLanguage = OUR_LANGUAGE,
+    hand_wheel: HandWheelNode | None = None,
+) -> VirtualPair[N]:
+    """Make a plant for any controller; the one place where nodes are put together.
+
+    The plant and our controller speak the language of the bus; another one does so of itself.
+    """
+    plant, edge = make_virtual_plant(settings, samples_max, language)
+    controller_edge: ReportingNode = controller
+    if isinstance(controller, ControllerNode):
+        controller.leave_out(language.missing)
+        controller_edge = language.at_edge(controller, End.CONTROLLER, 0)
+    return VirtualPair(plant, edge, controller, controller_edge, hand_wheel)
 
 
 def make_virtual_plant(
@@ -65,30 +121,25 @@ def make_virtual_plant(
 
 
 def run_virtual_pair(
-    plant_settings: PlantSettings,
-    controller_settings: ControllerSettings,
-    settings: BusSettings | None = QUIET_BUS,
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    bus: BusSettings | None = QUIET_BUS,
     candump_log: Path | None = None,
 ) -> PairResult:
-    """Run both nodes until the plant has finished.
+    """Run the nodes of the settings until the plant has finished.
 
-    ``settings``     of the bus between them; None is a wire that takes no time
+    ``bus``          between them; None is a wire that takes no time
     ``candump_log``  where every frame is written, as ``candump -L`` prints it
 
     Raises SettingsError.
     """
-    pair = make_virtual_pair(plant_settings, controller_settings)
-    bus = None if settings is None else virtual_bus(settings, plant_settings.seed)
-    is_in_vain = waits_in_vain(pair.plant, START_S_MAX)
-    run_virtual_nodes(pair.edge, pair.controller, bus, candump_log, is_in_vain)
-    return PairResult(
-        {"settings": plant_settings.model_dump(mode="json"), "node": dict(pair.edge.report())},
-        {
-            "settings": controller_settings.model_dump(mode="json"),
-            "node": dict(pair.controller.report()),
-        },
-        Trace.of_node(pair.plant),
+    pair = make_virtual_pair(plant, controller)
+    pair.run(virtual_bus(bus, plant.seed), candump_log)
+    of_plant, of_controller = (
+        {"settings": settings.model_dump(mode="json"), "node": dict(node.report())}
+        for settings, node in ((plant, pair.edge), (controller, pair.controller))
     )
+    return PairResult(of_plant, of_controller, Trace.of_node(pair.plant))
 
 
 def run_virtual_nodes(
@@ -118,12 +169,6 @@ def run_virtual_nodes(
         while not (executor.finished or should_stop()):
             executor.run(until_ns)
             until_ns += SLICE_NS
-
-
-def waits_in_vain(plant: PlantNode, start_s_max: int) -> Callable[[], bool]:
-    """Return what tells, asked every SLICE_NS, whether no command has come for ``start_s_max``."""
-    seconds = iter(range(start_s_max))
-    return lambda: plant.motion_start_ns == NEVER_NS and next(seconds, None) is None
 
 
 def _writer(log: CandumpLog) -> Callable[[int, int, Frame], None]:

@@ -33,12 +33,12 @@ from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
 from ..lockstep.library import lockstep_peer
-from ..lockstep.node import LockstepNode, controller_in
+from ..lockstep.node import LockstepNode
 from ..pair.live_bus import BUSES, Bus, open_channels
 from ..pair.live_pair import LivePair, Program
 from ..pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace
 from ..pair.virtual_bus import QUIET_BUS
-from ..pair.virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
+from ..pair.virtual_pair import START_S_MAX, pair_with
 from ..processes.foreign_program import STATUS_KILLED
 from ..processes.process_group import ProcessError, Processes
 from ..scripting.simulate import NO_OVERRIDES, settings_of
@@ -132,23 +132,18 @@ class Rig:
         if in_real_time:
             outcome = self._in_real_time(plant, files)
         else:
-            outcome = self._in_virtual_time(partial(self._own_node, settings), plant, files)
+            outcome = self._in_virtual_time(partial(ControllerNode, settings), plant, files)
         return outcome._replace(rate_hz=NS_PER_S / settings.period_ns)
-
-    def _own_node(self, settings: ControllerSettings, start_ns: int) -> ReportingNode:
-        return controller_in(self._language, ControllerNode(settings, start_ns), start_ns)
 
     def _in_virtual_time(
         self, make_node: MakeNode, settings: PlantSettings, files: PairFiles
     ) -> Outcome:
-        plant, edge = make_virtual_plant(settings, language=self._language)
-        bus, log = BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log
-        controller = make_node(0)
-        run_virtual_nodes(edge, controller, bus, log, waits_in_vain(plant, START_S_MAX))
-        failure = controller.report().get("failure")
-        in_safe_state = "" if isinstance(controller, LockstepNode) else "in its safe state: "
+        pair = pair_with(settings, make_node(0), language=self._language)
+        pair.run(BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log)
+        failure = pair.controller.report().get("failure")
+        in_safe_state = "" if isinstance(pair.controller, LockstepNode) else "in its safe state: "
         ending = f"controller is {in_safe_state}{failure}" if failure else ""
-        report, trace = dict(edge.report()), Trace.of_node(plant)
+        report, trace = dict(pair.edge.report()), Trace.of_node(pair.plant)
         return Outcome(files, "virtual time", settings, report, trace, ending)
 
     def _in_real_time(

@@ -26,7 +26,7 @@ from ...plant_emulator.settings import shared_vehicle as plant_vehicle
 from ...runtime.array_types import FloatArray
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.command_line import installation
-from ...runtime.node import NEVER_NS, NS_PER_S
+from ...runtime.node import NS_PER_S
 from ...runtime.settings import (
     Settings,
     SettingsError,
@@ -251,36 +251,31 @@ def _run_virtual(
 ) -> Run:
     from ...runtime.bus_model.bus_model import BusOverflowError
     from ..pair.virtual_bus import virtual_bus
-    from ..pair.virtual_pair import START_S_MAX, make_virtual_pair, run_virtual_nodes, waits_in_vain
+    from ..pair.virtual_pair import START_S_MAX, make_virtual_pair
 
+    wheel = None
+    if hand_wheel is not None:
+        cycles_max = plant.duration_ns // hand_wheel.cycle_ns + START_S_MAX * 1000
+        wheel = HandWheelNode(hand_wheel, 0, cycles_max)
     # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(
         plant,
         controller,
         plant.duration_ns // plant.sensor_period_ns + 2,
         (plant.duration_ns + START_S_MAX * NS_PER_S) // controller.period_ns + 2,
+        hand_wheel=wheel,
     )
-    samples_max = 0 if hand_wheel is None else plant.duration_ns // hand_wheel.cycle_ns
-    samples_max += START_S_MAX * 1000
-    wheel = None if hand_wheel is None else HandWheelNode(hand_wheel, 0, samples_max)
     try:
-        run_virtual_nodes(
-            pair.edge,
-            pair.controller,
-            None if bus is None else virtual_bus(bus, plant.seed),
-            None,
-            waits_in_vain(pair.plant, START_S_MAX),
-            others=() if wheel is None else (wheel,),
-        )
+        pair.run(virtual_bus(bus, plant.seed))
     except BusOverflowError as error:
         raise ValueError(f"bus: its bit rate is too low: {error}") from error
-    if pair.plant.motion_start_ns == NEVER_NS:
+    if not pair.has_started:
         raise ValueError(f"no command reached the plant within {START_S_MAX} s of the start")
     motion_ns = pair.plant.motion_start_ns
     plant_report, controller_report = dict(pair.edge.report()), dict(pair.controller.report())
     return Run(
         plant=PlantTable.of_samples(pair.plant.samples),
-        controller=ControllerTable.of_samples(pair.controller.samples, pair.plant.motion_start_ns),
+        controller=ControllerTable.of_samples(pair.controller.samples, motion_ns),
         plant_settings=plant,
         controller_settings=controller,
         plant_report=plant_report,

@@ -21,10 +21,10 @@ from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.frame import Frame
-from ..lockstep.node import LockstepNode, controller_in, controller_node
+from ..lockstep.node import LockstepNode, controller_node
 from ..pair.pair_result import Trace
 from ..pair.virtual_bus import shared_bus
-from ..pair.virtual_pair import START_S_MAX, make_virtual_plant, run_virtual_nodes, waits_in_vain
+from ..pair.virtual_pair import pair_with
 from .compiled_figures import (
     COUNTS,
     FigureRules,
@@ -129,7 +129,6 @@ def figures_of_trace(
 def _ran(pair: Pair) -> Ran:
     bus = None if pair.bus is None else shared_bus(pair.bus, pair.plant.seed)
     language = read_language(pair.dialect)
-    plant, edge = make_virtual_plant(pair.plant, language=language)
     listening = language.listening()
     sent_rad: list[float] = []
     watch = ReactionWatch()
@@ -143,6 +142,7 @@ def _ran(pair: Pair) -> Ran:
                     sent_rad.append(decoded.message.steer_rad)
 
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
-        node, in_vain = controller_in(language, controller), waits_in_vain(plant, START_S_MAX)
-        run_virtual_nodes(edge, node, bus, None, in_vain, on_wire)
-    return Ran(plant, controller, sent_rad, watch.reactions(edge.report().get("faults", ())))
+        nodes = pair_with(pair.plant, controller, language=language)
+        nodes.run(bus, on_wire=on_wire)
+    reactions = watch.reactions(nodes.edge.report().get("faults", ()))
+    return Ran(nodes.plant, controller, sent_rad, reactions)

@@ -36,7 +36,7 @@ _STOPS: Mapping[str, tuple[str, ...]] = {
     "tools.bus.program": (".listening",),
     "tools.analyze.__main__": ("tools.analyze.pictures.draw_pictures",),
     "tools.run.__main__": (
-        "tools.run.run_nodes.run_virtual_nodes",
+        "closed_loop.pair.virtual_pair.VirtualPair.run",
     ),
     "tools.demo.__main__": (".open_channels",),
     "tools.design.__main__": ("tools.design.program.worker_pool",),

@@ -13,16 +13,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from steer_by_wire.closed_loop.lockstep.node import controller_in
 from steer_by_wire.closed_loop.pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM
 from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
-from steer_by_wire.closed_loop.pair.virtual_pair import (
-    START_S_MAX,
-    make_virtual_plant,
-    run_virtual_nodes,
-    waits_in_vain,
-)
-from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.bus_language import BusLanguage
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_database, read_dialect
@@ -81,10 +74,9 @@ def _check(options: argparse.Namespace) -> int:
     for quantity in missing:
         print(f"missing: {quantity}: needed by {_NEEDED_BY[quantity]}")
     plant = PlantSettings(duration_s=MOTION_S)
-    node, edge = make_virtual_plant(plant, language=language)
-    controller = controller_in(language, ControllerNode(controller_preset(CONTROLLER_PRESET), 0))
-    bus, in_vain = BusModel(QUIET_BUS.bitrate_bit_s), waits_in_vain(node, START_S_MAX)
-    run_virtual_nodes(edge, controller, bus, options.out, in_vain)
+    pair = make_virtual_pair(plant, controller_preset(CONTROLLER_PRESET), language=language)
+    pair.run(BusModel(QUIET_BUS.bitrate_bit_s), options.out)
+    edge, controller = pair.edge, pair.controller_edge
     for program, gateway in ((PLANT_PROGRAM, edge), (CONTROLLER_PROGRAM, controller)):
         print(f"{program.replace('_', ' ')}: {translated_text(gateway.report()['dialect'])}")
     if not edge.report()["dialect"]["accepted"]:

@@ -7,14 +7,9 @@ from functools import partial
 from math import ceil
 from pathlib import Path
 
-from ...closed_loop.lockstep.node import LockstepNode, controller_in, controller_node
+from ...closed_loop.lockstep.node import LockstepNode, controller_node
 from ...closed_loop.pair.virtual_bus import virtual_bus
-from ...closed_loop.pair.virtual_pair import (
-    START_S_MAX,
-    make_virtual_plant,
-    run_virtual_nodes,
-    waits_in_vain,
-)
+from ...closed_loop.pair.virtual_pair import START_S_MAX, pair_with
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...hand_wheel.node import HandWheelNode
@@ -24,7 +19,6 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusOverflowError
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.exit_status import BusError
-from ...runtime.node import NEVER_NS
 from ...runtime.program.run_node import FINISHED
 from ...runtime.program.stop_request import StopRequest
 from .result import Run
@@ -47,35 +41,33 @@ def run_in_virtual_time(
     ``language``    of the bus; a program speaks a car's of itself
     ``hand_wheel``  None: there is none
     """
-    plant, edge = make_virtual_plant(plant_settings, language=language)
-    is_in_vain = waits_in_vain(plant, START_S_MAX)
     wheel = None if hand_wheel is None else HandWheelNode(hand_wheel, 0, HAND_WHEEL_SAMPLES_MAX)
-    others = () if wheel is None else (wheel,)
     bitrate = settings.bitrate_bit_s
-    bus = None if is_ideal else virtual_bus(settings, plant_settings.seed)
+    bus = virtual_bus(None if is_ideal else settings, plant_settings.seed)
     stop = StopRequest()
     begin_s = time.perf_counter()
     with stop.on_signals(), controller_node(controller) as node:
+        pair = pair_with(plant_settings, node, language=language, hand_wheel=wheel)
         try:
-            edges = edge, controller_in(language, node)
             with _progress(plant_settings.duration_s) as on_second:
 
                 def should_stop() -> bool:
                     on_second()
-                    return stop() or is_in_vain()
+                    return stop()
 
-                run_virtual_nodes(*edges, bus, candump_log, should_stop, others=others)
+                pair.run(bus, candump_log, should_stop)
         except BusOverflowError as error:
             raise BusError(f"{bitrate} bit/s are too few: {error}") from error
     elapsed_s = time.perf_counter() - begin_s
     carrier = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
     where, ended_by = f"virtual time over {carrier}", stop.reason or FINISHED
-    if plant.motion_start_ns == NEVER_NS and not (stop.reason or edge.finished or node.finished):
+    if not (pair.has_started or stop.reason or pair.edge.finished or node.finished):
         ended_by = f"{START_S_MAX} s without a command"
         if isinstance(node, LockstepNode):
             node.failure = node.failure or f"it sent no valid command in {START_S_MAX} s"
     shared = bus if bus is not None and bus.is_lossy else None
-    return Run(plant, node, edges, where, elapsed_s, ended_by, shared, wheel)
+    edges = pair.edge, pair.controller_edge
+    return Run(pair.plant, node, edges, where, elapsed_s, ended_by, shared, wheel)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import load_of, rest_of, traffic_of
 from steer_by_wire.closed_loop.pair.virtual_bus import shared_bus
-from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
 from steer_by_wire.dbc.messages import Mode
@@ -47,7 +47,7 @@ def test_a_database_without_cycle_times_takes_the_load(feature: str, tmp_path: P
     file = database(tmp_path, FEATURES[feature])
     bus = shared_bus(BusSettings(rest_bus=(str(file),), load=0.5), 1)
     pair = make_virtual_pair(PlantSettings(duration_s=1.0), controller_preset("practical_pd"))
-    run_virtual_nodes(pair.edge, pair.controller, bus, None, lambda: False)
+    pair.run(bus)
     assert 0.5 < bus.load.busy_ns / NS_PER_S < 0.7
 
 
@@ -131,7 +131,7 @@ def test_a_babbling_node_takes_what_its_identifier_wins(is_urgent: bool) -> None
     bus = BusModel(500_000, traffic=traffic)
     settings = PlantSettings(duration_s=4.0), controller_preset("practical_pd_ddob")
     pair = make_virtual_pair(*settings, 0, 5000)
-    run_virtual_nodes(pair.edge, pair.controller, bus, None, lambda: False)
+    pair.run(bus)
     plant, controller = pair.plant.report(), pair.controller.report()
     guard, modes = plant["safety"], {sample.mode for sample in pair.controller.samples}
     if is_urgent:

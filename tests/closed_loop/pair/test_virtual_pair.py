@@ -7,7 +7,6 @@ import pytest
 
 from steer_by_wire.closed_loop.pair.virtual_pair import (
     make_virtual_pair,
-    run_virtual_nodes,
     run_virtual_pair,
 )
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
@@ -52,7 +51,7 @@ def test_a_pair_meets_the_faults_of_its_settings(
 def test_a_pair_without_faults_has_no_stage_for_them(controller: ControllerSettings) -> None:
     pair = make_virtual_pair(PlantSettings(duration_s=0.2), controller, 3, 2)
     assert pair.edge is pair.plant
-    run_virtual_nodes(pair.edge, pair.controller, None, None, lambda: False)
+    pair.run()
     assert (len(pair.plant.samples), len(pair.controller.samples)) == (3, 2)
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
@@ -20,7 +20,7 @@ def after_silence(*overrides: str, fault: str = SILENCE + "}") -> PlantNode:
     pair = make_virtual_pair(
         plant_preset("bmw_320i", [*bend, *overrides]), controller_preset("highway_predictor")
     )
-    run_virtual_nodes(pair.edge, pair.controller, None, None, lambda: False)
+    pair.run()
     return pair.plant
 
 

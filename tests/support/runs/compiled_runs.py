@@ -5,10 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from steer_by_wire.closed_loop.compiled.engine import CompiledRun, Outcome, run_compiled
-from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
-from steer_by_wire.controller.node.node import ControllerNode
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 
 NETWORKS: dict[str, Sequence[str]] = {
@@ -64,10 +62,9 @@ def plant_settings(overrides: Sequence[str], duration_s: float = 8.0) -> PlantSe
 
 def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -> CompiledRun:
     batch = run_compiled(plant, controller)
-    plant_node = PlantNode(plant, 0)
-    controller_node = ControllerNode(controller, 0, samples_max=1_000_000)
-    run_virtual_nodes(plant_node, controller_node, None, None, lambda: False)
-    nodes = np.array(plant_node.samples)
+    pair = make_virtual_pair(plant, controller, controller_samples_max=1_000_000)
+    pair.run()
+    nodes = np.array(pair.plant.samples)
     columns = {
         "time_s": 0,
         "arc_length_m": 1,
@@ -83,12 +80,12 @@ def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -
     assert batch.outcome is Outcome.COMPLETE
     for name, column in columns.items():
         np.testing.assert_array_equal(getattr(batch, name), nodes[:, column], err_msg=name)
-    ticks = controller_node.samples
+    ticks = pair.controller.samples
     np.testing.assert_array_equal(batch.sent_rad, [tick.sent_steer_rad for tick in ticks])
     laws = np.array([tick.law_output for tick in ticks]).reshape(-1, 4)
     np.testing.assert_array_equal(batch.law_output, laws)
     np.testing.assert_array_equal(batch.tick_s, [tick.time_ns * 1e-9 for tick in ticks])
-    report = plant_node.report()
+    report = pair.plant.report()
     assert batch.rms_m == report["rms_m"]
     assert batch.preview_rms_m == report["preview_rms_m"]
     return batch

@@ -12,7 +12,7 @@ import pytest
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.closed_loop.compiled.refusals import NotCompiledError
 from steer_by_wire.closed_loop.compiled.step_functions import ForeignParamsError
-from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair
 from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.controller.command_line import program
 from steer_by_wire.controller.node.node import ControllerNode
@@ -187,7 +187,7 @@ def test_a_run_ends_where_it_fails_compiled_or_not(law: str) -> None:
     plant, settings = plant_settings((), 4.0), controller(f"{LAWS}:{law}")
     run = run_compiled(plant, settings)
     pair = make_virtual_pair(plant, settings, controller_samples_max=50)
-    run_virtual_nodes(pair.edge, pair.controller, None, None, lambda: False)
+    pair.run()
     assert run.outcome is Outcome.LAW_FAILED
     assert (len(run.tick_s), len(run.time_s)) == (50, 50)
     assert run.sent_rad.tolist() == [sample.sent_steer_rad for sample in pair.controller.samples]

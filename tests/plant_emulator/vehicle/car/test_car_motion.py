@@ -8,8 +8,6 @@ import pytest
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.pair.virtual_pair import (
     make_virtual_pair,
-    run_virtual_nodes,
-    waits_in_vain,
 )
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import Sender, SpeedRequest
@@ -47,7 +45,7 @@ def test_a_compiled_run_of_a_car_equals_the_nodes_bit_for_bit(law: str) -> None:
     )
     controller = controller_preset(law)
     pair = make_virtual_pair(plant, controller)
-    run_virtual_nodes(pair.edge, pair.controller, None, None, waits_in_vain(pair.plant, 100))
+    pair.run()
     compiled = run_compiled(plant, controller)
     assert len(compiled.time_s) == len(pair.plant.samples) == 400
     for name in ("lateral_error_m", "heading_error_rad", "yaw_rate_rad_s", "arc_length_m"):
@@ -129,7 +127,7 @@ def test_the_place_on_the_path_follows_the_motion_at_large_angles() -> None:
 def test_a_car_that_slides_away_ends_the_run_in_words() -> None:
     plant = plant_preset("bmw_320i", ["car.friction=0.1", "path.length_m=20"])
     pair = make_virtual_pair(plant, controller_preset("highway_pd"))
-    run_virtual_nodes(pair.edge, pair.controller, None, None, waits_in_vain(pair.plant, 100))
+    pair.run()
     report = pair.plant.report()
     assert "left its path" in report["failure"]
     assert pair.plant.samples[-1].time_s < 25.0

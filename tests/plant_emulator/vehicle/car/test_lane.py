@@ -8,8 +8,6 @@ import pytest
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.pair.virtual_pair import (
     make_virtual_pair,
-    run_virtual_nodes,
-    waits_in_vain,
 )
 from steer_by_wire.closed_loop.studies.compiled_runs import verdict_on
 from steer_by_wire.controller.settings import controller_preset
@@ -49,7 +47,7 @@ def test_a_car_is_judged_by_its_body_in_the_lane(lane_m: float) -> None:
     plant = plant_preset("bmw_320i", [f"car.lane_m={lane_m}", "duration_s=20"])
     controller = controller_preset("highway_pd")
     pair = make_virtual_pair(plant, controller)
-    run_virtual_nodes(pair.edge, pair.controller, None, None, waits_in_vain(pair.plant, 100))
+    pair.run()
     report = pair.plant.report()
     worst_m = max(abs(sample.cg_deviation_m) for sample in pair.plant.samples)
     assert report["beyond_lane_m"] == pytest.approx(worst_m + 0.5 * 1.61 - 0.5 * lane_m, abs=0.03)

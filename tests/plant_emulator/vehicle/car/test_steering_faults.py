@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_motion_params, plant_preset
@@ -28,7 +28,7 @@ def driven(*overrides: str) -> PlantNode:
     pair = make_virtual_pair(
         plant_preset("bmw_320i", [*CAR, *overrides]), controller_preset("highway_predictor")
     )
-    run_virtual_nodes(pair.edge, pair.controller, None, None, lambda: False)
+    pair.run()
     return pair.plant
 
 
