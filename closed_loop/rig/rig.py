@@ -27,7 +27,7 @@ from ...dbc.bus_language import read_language
 from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
-from ...runtime.node import NS_PER_S, ReportingNode
+from ...runtime.node import NS_PER_S, ReportingNode, Wrapper
 from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
@@ -119,7 +119,11 @@ class Rig:
         if not isinstance(controller, str):
             write_text(files.settings(PLANT_PROGRAM), dump_toml(self.settings))
             if callable(controller):
-                return self._in_virtual_time(controller, self.settings, files)
+                # Wrapped, because a node of ours would be put behind a gateway.
+                make_node = controller
+                return self._in_virtual_time(
+                    lambda start_ns: Wrapper(make_node(start_ns)), self.settings, files
+                )
             if not lockstep:
                 return self._in_real_time(self.settings, files, controller)
             with lockstep_peer(controller) as program:
