@@ -35,6 +35,8 @@ from .lane import Lane
 from .scenario import HAND, LaneSettings, Scenario, lane_settings
 
 _POINT_M = 0.5
+_OVERHANG_M, _WIDTH_M = 0.85, 1.78
+"""Of the body of a vehicle without tyres."""
 _OPEN_END_M = 400.0
 """How much of an open path is drawn."""
 _POINTS_MAX = 4000
@@ -44,6 +46,7 @@ class LaneFacts(NamedTuple):
     """One lane, ready for JSON.
 
     ``line``    colour and dash of its law
+    ``body_m``  from the centre of gravity to its front and to its rear, and its width
     ``mass_kg``  None where it is not known
     ``path_m``  points (x, y) of the path, empty where it is not known
     """
@@ -51,6 +54,7 @@ class LaneFacts(NamedTuple):
     label: str
     line: LawLine
     mass_kg: float | None
+    body_m: tuple[float, float, float]
     front_axle_m: float
     rear_axle_m: float
     preview_m: float
@@ -64,13 +68,16 @@ def lane_facts(label: str, line: LawLine, plant: PlantSettings | None = None) ->
     Its vehicle is then that of the wire contract.
     """
     vehicle = VehicleSettings() if plant is None else plant.vehicle
+    car = None if plant is None else plant.car
+    axles_m = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
+    body_m = axles_m[0] + _OVERHANG_M, axles_m[1] + _OVERHANG_M, _WIDTH_M
     path = None if plant is None else build_path(plant.path)
     return LaneFacts(
         label,
         line,
         None if plant is None else vehicle.virtual_mass_kg,
-        vehicle.front_axle_distance_m,
-        vehicle.rear_axle_distance_m,
+        body_m if car is None else (car.front_m, car.rear_m, car.width_m),
+        *axles_m,
         vehicle.preview_distance_m,
         () if path is None else _points(path),
         path is not None and path.closed,

@@ -24,6 +24,7 @@ from ...dbc.contract.generated_layout import LAYOUTS
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...hand_wheel.shaking import shaking, shaking_text
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
+from ...plant_emulator.vehicle.car.car_step import NEARNESS_MIN
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .ghost import Ghost
@@ -43,6 +44,14 @@ class Place:
         self._newest: tuple[int, messages.VehicleState] | None = None
         self._pose = _START
         self._arc_length_m = 0.0
+        self._along = 1.0
+        """Of the speed: along the path."""
+
+    def on_error(self, message: messages.LateralError) -> None:
+        """Take where the vehicle is beside the path, and how it heads."""
+        curvature_1_m = 0.0 if self._newest is None else self._newest[1].preview_curvature_1_m
+        nearness = max(1.0 - curvature_1_m * message.lateral_error_m, NEARNESS_MIN)
+        self._along = math.cos(message.heading_error_rad) / nearness
 
     def on_command(self, now_ns: int) -> None:
         """Take a command on the bus, the first of which starts the motion."""
@@ -70,7 +79,7 @@ class Place:
         """Return how far the vehicle has come since its newest message."""
         if not self._is_moving:
             return 0.0
-        return newest[1].speed_m_s * max(now_ns - newest[0], 0) / NS_PER_S
+        return self._along * newest[1].speed_m_s * max(now_ns - newest[0], 0) / NS_PER_S
 
 
 _SIGNALS: Mapping[type[messages.Message], Mapping[str, SignalLayout]] = {
@@ -189,6 +198,8 @@ class Sampler:
             self._note_skips(message.skipped_ticks, now_ns)
         if isinstance(message, messages.LateralError):
             self._score.add(self._watch.cg_deviation_m)
+            if "CAR_TRUTH" in self._frames:  # else its speed is that along the path
+                self._place.on_error(message)
         elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
             if len(self._sent) >= _IN_FLIGHT_MAX:
                 del self._sent[next(iter(self._sent))]  # the oldest

@@ -11,12 +11,14 @@ from steer_by_wire.closed_loop.recordings.live_view import Newest
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.status_lights import Light, lights_of
 from steer_by_wire.dbc.messages import (
+    CarTruth,
     ControllerFault,
     ControllerSafety,
     ControllerStatus,
     DelayStatus,
     EchoState,
     Freshness,
+    LateralError,
     Message,
     Mode,
     PlantStatus,
@@ -102,6 +104,17 @@ def test_every_chart_and_figure_shows_a_signal_that_there_is() -> None:
 
 
 # Place
+
+
+def test_a_car_that_heads_away_comes_less_far_along_its_path() -> None:
+    sampler, heading_rad = Sampler(0), 0.5
+    error = message_with(LateralError, lateral_error_m=0.0, heading_error_rad=heading_rad)
+    for number in range(101):
+        now_ns = number * NS // 100
+        for message in (message_with(CarTruth), error, motion_of(10.0), command_of()):
+            sampler.on_frame(encode(message, number % 256), now_ns)
+    foot_m = signals(sampler, NS)["foot_x_m"]
+    assert foot_m == pytest.approx(10.0 * math.cos(heading_rad), rel=0.02)
 
 
 def test_the_place_is_that_of_the_plant(log: Path) -> None:

@@ -1,9 +1,9 @@
 // Rounds of a minute in which the visitor steers: the steering wheel and the score.
 
-import { Felt, slider } from "cockpit/felt.js";
+import { Felt } from "cockpit/felt.js";
 import { Hand } from "cockpit/hand.js";
 import { colour } from "cockpit/theme.js";
-import { byId, element, length, setText } from "cockpit/words.js";
+import { byId, element, length, setText, slider } from "cockpit/words.js";
 
 const ROUND_S = 60;
 const COUNTDOWN_MS = 3000;
@@ -13,7 +13,8 @@ const LOCK_M_S2 = 3.5; // lateral acceleration at the stop, a little beyond what
 const LOCK_RAD = 0.5;
 const SPEEDS_KM_H = [20, 30, 40];
 const DRIVEN_M_S2 = 8; // the same where the visitor drives: the tyres are the limit
-const PEDALS_M_S2 = [12, 5]; // how fast brake and accelerator change the speed that is asked for
+const PEDAL_M_S2 = 5; // how fast the accelerator changes the speed that is asked for
+const LEAD_M_S = 8; // how far that is from the speed of the car at most; a pressed brake goes there at once
 const FULL_N_M = 10; // of torque: a quarter of the rim
 
 export class Drive {
@@ -26,7 +27,7 @@ export class Drive {
     this.speed = element("select", { id: "drive-speed", ariaLabel: "speed", onchange: () => this.restart() },
       ...SPEEDS_KM_H.map((speed) => element("option", { value: speed }, `${speed} km/h`)));
     this.car = element("select", { id: "car", ariaLabel: "car", onchange: () => this.restart() });
-    this.pedals = slider("Speed", "felt-speed", 0, 130, 1, (speed) => `${speed} km/h`, (speed) => (this.askedM_s = speed / 3.6));
+    this.pedals = slider("Speed", "felt-speed", [0, 130, 1], (speed) => `${speed} km/h`, (speed) => (this.askedM_s = speed / 3.6));
     this.felt = new Felt(app, () => this.restart());
     this.felt.choice.after(this.pedals.box);
     this.askedM_s = 0;
@@ -155,8 +156,8 @@ export class Drive {
   step(elapsedS, nowMs) {
     if (byId("drive").hidden || !this.scenario) return;
     this.hand.step(elapsedS);
-    const { nowS } = this.app, { pedal } = this.hand;
-    if (this.drives && pedal) this.ask(this.askedM_s + pedal * PEDALS_M_S2[pedal > 0 ? 1 : 0] * elapsedS);
+    const { nowS } = this.app;
+    if (this.drives) this.pedal(this.hand.pedal, elapsedS);
     if (this.app.lanes.length) this.hand.stopRad = STEERING_RATIO * this.lockRad;
     const lane = Math.max(this.lane, 0), rows = this.app.lanes[lane];
     const isThere = Number.isFinite(rows?.value("lateral_error_m", nowS)) && !this.app.lost[lane];
@@ -190,9 +191,20 @@ export class Drive {
     this.pedals.set(3.6 * this.askedM_s);
   }
 
+  // Accelerator 1, brake −1: the speed that is asked for moves, near that of the car.
+  pedal(pedal, elapsedS) {
+    const now = this.speedM_s, before = Math.max(this.askedM_s, now);
+    if (pedal > 0) this.ask(Math.min(before + pedal * PEDAL_M_S2 * elapsedS, Math.max(before, now + LEAD_M_S)));
+    if (pedal < 0) this.ask(Math.min(this.askedM_s, now + pedal * LEAD_M_S));
+  }
+
+  // Of the car, 0 before it is there.
+  get speedM_s() {
+    return this.app.lanes[Math.max(this.lane, 0)]?.value("speed_m_s", this.app.nowS) || 0;
+  }
+
   get lockRad() {
-    const lane = Math.max(this.lane, 0), now = this.app.lanes[lane]?.value("speed_m_s", this.app.nowS) || 0;
-    const speed = this.drives ? now : this.scenario.speed_km_h / 3.6;
+    const speed = this.drives ? this.speedM_s : this.scenario.speed_km_h / 3.6;
     const { front_axle_m, rear_axle_m } = this.app.head.lanes[0];
     return Math.min(LOCK_RAD, ((this.drives ? DRIVEN_M_S2 : LOCK_M_S2) * (front_axle_m + rear_axle_m)) / speed ** 2);
   }

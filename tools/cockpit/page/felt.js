@@ -1,6 +1,6 @@
 // What is felt at a hand wheel: its sliders, the moment at which it shakes, the gamepad's vibration.
 
-import { byId, element, pressed, setText } from "cockpit/words.js";
+import { byId, element, pressed, setText, slider } from "cockpit/words.js";
 
 const CYCLES_MS = [1, 5, 10, 20];
 const WHEELS = { hand_wheel: "plain", hand_wheel_damped: "now with damping", hand_wheel_cdob: "now with the CDOB" };
@@ -15,10 +15,10 @@ export class Felt {
     this.app = app;
     this.meanN = 0;
     this.line = element("p", { id: "felt", role: "status" });
-    this.delay = slider("Delay", "felt-delay", 0, DELAY_MS_MAX, 5, (ms) => `2 × ${ms} ms`, () => this.sendDelay());
-    this.cycle = slider("Cycle", "felt-cycle", 0, CYCLES_MS.length - 1, 1, (at) => `${CYCLES_MS[at]} ms`, () => {}, restart);
-    this.hands = slider("Hands", "felt-hands", 0, 3, 1, (at) => this.gripAt(at), () => {});
-    this.road = slider("Road grip", "felt-road", ROAD_MIN, 100, 5, (share) => `${share} %`, () => app.network.setFriction(this.road.input.value / 100));
+    this.delay = slider("Delay", "felt-delay", [0, DELAY_MS_MAX, 5], (ms) => `2 × ${ms} ms`, (ms) => this.send(ms));
+    this.cycle = slider("Cycle", "felt-cycle", [0, CYCLES_MS.length - 1, 1], (at) => `${CYCLES_MS[at]} ms`, () => {}, { onchange: restart });
+    this.hands = slider("Hands", "felt-hands", [0, 3, 1], (at) => this.gripAt(at), () => {});
+    this.road = slider("Road grip", "felt-road", [ROAD_MIN, 100, 5], (share) => `${share} %`, (share) => app.network.setFriction(share / 100));
     this.laws = Object.entries(WHEELS).map(([name, label]) => element("button", { type: "button", id: `felt-${name}`, onclick: () => this.choose(name) }, label));
     this.choice = element("div", { className: "row", role: "group", ariaLabel: "feedback" }, ...this.laws);
     this.box = element("div", { id: "felt-tools" }, this.choice, this.delay.box, this.cycle.box, this.hands.box, this.road.box);
@@ -62,10 +62,11 @@ export class Felt {
     this.laws.forEach((button) => pressed(button, button.id === `felt-${name}`));
   }
 
-  sendDelay() {
+  // As if the sliders of both directions were moved.
+  send(delayMs) {
     for (const direction of ["downlink", "uplink"]) {
       const input = byId(`${direction}-mean_s`);
-      input.value = this.delay.input.value;
+      input.value = delayMs;
       input.dispatchEvent(new Event("input"));
     }
   }
@@ -90,11 +91,11 @@ export class Felt {
     if (isShaking) {
       this.sinceS ??= nowS;
       this.stillS = null;
-      return `The wheel ${texts[0].replace("shakes", "has begun to shake")}, ${where}: since ${this.sinceS.toFixed(0)} s`;
+      return `The wheel ${texts[0].replace("shakes", "has begun to shake")}, ${where}: since ${Math.floor(this.sinceS)} s`;
     }
     if (this.sinceS !== null) this.stillS ??= nowS;
     this.sinceS = null;
-    return `The wheel is still, ${where}${this.stillS === null ? "" : `: again since ${this.stillS.toFixed(0)} s`}`;
+    return `The wheel is still, ${where}${this.stillS === null ? "" : `: again since ${Math.floor(this.stillS)} s`}`;
   }
 
   // A gamepad shakes with what is fast in the torque, where the browser lets it.
@@ -107,21 +108,4 @@ export class Felt {
       pad?.vibrationActuator?.playEffect?.("dual-rumble", { duration: 50, strongMagnitude, weakMagnitude: 0 }).catch(() => {});
     }
   }
-}
-
-// words: of a value; it gives the arrow keys back to the wheel when it is let go
-export function slider(label, id, min, max, step, words, moved, left = () => {}) {
-  const text = element("output");
-  const input = element("input", { type: "range", min, max, step, id, ariaLabel: label, oninput: () => {
-    setText(text, words(input.valueAsNumber));
-    moved(input.valueAsNumber);
-  }, onchange: () => {
-    input.blur();
-    left();
-  } });
-  const set = (value) => {
-    input.value = value;
-    setText(text, words(input.valueAsNumber));
-  };
-  return { box: element("label", { className: "slider" }, label, input, text), input, set };
 }

@@ -1,6 +1,6 @@
 // Controls that act on the running loop: latency of both directions, disturbances, figures.
 
-import { element, pressed } from "cockpit/words.js";
+import { element, pressed, slider } from "cockpit/words.js";
 
 const SEND_AFTER_MS = 60; // a slider that is dragged sends this often at most
 const GUST = { side_force_n: 1500, duration_s: 1.5 };
@@ -41,16 +41,15 @@ export class Network {
   }
 
   slider(name, title, { key, label, max, step, scale, unit }, now) {
-    const value = element("output", {}, `${round(scale * now[key])} ${unit}`);
-    const input = element("input", { type: "range", min: 0, max, step, value: scale * now[key], disabled: this.disabled,
-      id: `${name}-${key}`, ariaLabel: `${title}: ${label.toLowerCase()} in ${unit}`, oninput: () => {
-        now[key] = input.valueAsNumber / scale;
-        // A constant latency has no spread: who moves that slider wants one.
-        if (key === "spread_s" && now.model === "constant" && now[key] > 0) now.model = this.toNormal(input);
-        value.textContent = `${input.value} ${unit}`;
-        this.send(name, now);
-      } });
-    return element("label", { className: "slider" }, label, input, value);
+    const attributes = { disabled: this.disabled, ariaLabel: `${title}: ${label.toLowerCase()} in ${unit}` };
+    const made = slider(label, `${name}-${key}`, [0, max, step], (value) => `${value} ${unit}`, (value, input) => {
+      now[key] = value / scale;
+      // A constant latency has no spread: who moves that slider wants one.
+      if (key === "spread_s" && now.model === "constant" && now[key] > 0) now.model = this.toNormal(input);
+      this.send(name, now);
+    }, attributes);
+    made.set(scale * now[key]);
+    return made.box;
   }
 
   toNormal(input) {
@@ -102,8 +101,4 @@ export class Network {
   disturb() {
     this.app.wish({ do: "disturb", ...this.load });
   }
-}
-
-function round(value) {
-  return Math.round(10 * value) / 10;
 }

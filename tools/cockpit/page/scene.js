@@ -3,7 +3,7 @@
 import { colour, lawLine } from "cockpit/theme.js";
 import { byId, length, pressed, setText } from "cockpit/words.js";
 import { drawGhost, nameGhost } from "cockpit/ghost.js";
-import { drawSteer, drawVehicle, write } from "cockpit/vehicle.js";
+import { detailOf, drawSteer, drawVehicle, write } from "cockpit/vehicle.js";
 
 const ROAD_M = 3.5;
 const PATH_DASH_M = [0.8, 0.6];
@@ -96,7 +96,7 @@ export class Scene {
     const facts = this.app.head.lanes[lane];
     const factor = this.factorAt(rows, at, nowS);
     const state = stateAt(rows, at, factor, facts.preview_m);
-    const camera = this.isWhole ? wholeCamera(place, facts, rows) : this.camera(place, state);
+    const camera = this.isWhole ? wholeCamera(place, facts, rows) : this.camera(place, state, facts);
     const world = () => pen.translate(camera.x, camera.y);
     pen.save();
     world();
@@ -132,9 +132,10 @@ export class Scene {
     return deviations.some((deviation) => Math.abs(deviation) > FAR_M) ? 1 : this.factor;
   }
 
-  camera(place, state) {
+  camera(place, state, facts) {
     const farM = Math.hypot(state.x - state.besideX, state.y - state.besideY);
-    const wished = this.pixelsPerM * (this.app.lanes.length > 1 ? 0.62 : 1);
+    const nearness = 1 / Math.sqrt(detailOf(facts)); // a small car is seen from nearby
+    const wished = nearness * this.pixelsPerM * (this.app.lanes.length > 1 ? 0.62 : 1);
     const scale = Math.min(wished, (0.4 * place.height) / farM); // the road stays in the picture
     // The vehicle is left of the middle: what is ahead says more.
     return { x: 0.42 * place.width, y: 0.5 * place.height, scale, turn: state.pathHeading, atX: state.x, atY: state.y };

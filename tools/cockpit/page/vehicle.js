@@ -3,8 +3,8 @@
 import { colour } from "cockpit/theme.js";
 import { fixed } from "cockpit/words.js";
 
-const WIDTH_M = 1.78, TRACK_M = 1.5;
-const OVERHANG_M = 0.85;
+const WIDTH_M = 1.78; // of the car whose details these are
+const TRACK_M = 1.5;
 const WHEEL_M = [0.64, 0.22];
 const RAY_M = 2.6;
 
@@ -14,20 +14,20 @@ export function drawVehicle(pen, facts, state, size) {
   pen.translate(state.x, state.y);
   pen.rotate(state.heading);
   pen.scale(size, size);
-  const front = facts.front_axle_m, rear = -facts.rear_axle_m;
+  const front = facts.front_axle_m, rear = -facts.rear_axle_m, detail = detailOf(facts);
   for (const side of [-1, 1]) {
-    drawWheel(pen, rear, (side * TRACK_M) / 2, 0);
-    drawWheel(pen, front, (side * TRACK_M) / 2, known(state.applied));
+    drawWheel(pen, rear, side * detail, 0);
+    drawWheel(pen, front, side * detail, known(state.applied));
   }
-  traceBody(pen, front, rear);
+  traceBody(pen, facts);
   pen.fillStyle = colour("body");
   pen.globalAlpha = 0.9;
   pen.fill();
   pen.globalAlpha = 1;
-  pen.lineWidth = 0.05;
+  pen.lineWidth = 0.05 * detail;
   pen.strokeStyle = colour("body-line");
   pen.stroke();
-  drawGlass(pen, front, rear);
+  drawGlass(pen, front, rear, detail);
   if (size === 1) drawRays(pen, front, state);
   pen.restore();
 }
@@ -36,30 +36,40 @@ export function drawVehicle(pen, facts, state, size) {
 export function drawOutline(pen, facts, style, state) {
   pen.translate(state.x, state.y);
   pen.rotate(state.heading);
-  traceBody(pen, facts.front_axle_m, -facts.rear_axle_m);
+  traceBody(pen, facts);
   pen.fillStyle = style;
   pen.fill();
 }
 
-function traceBody(pen, front, rear) {
-  pen.beginPath();
-  pen.roundRect(rear - OVERHANG_M, -WIDTH_M / 2, front - rear + 2 * OVERHANG_M, WIDTH_M, [0.45, 0.75, 0.75, 0.45]);
+// How large the details of a car are.
+export function detailOf({ body_m: [, , width] }) {
+  return width / WIDTH_M;
 }
 
-function drawWheel(pen, x, y, angle) {
+function traceBody(pen, facts) {
+  const [front, rear, width] = facts.body_m, detail = detailOf(facts);
+  pen.beginPath();
+  pen.roundRect(-rear, -width / 2, front + rear, width, [0.45, 0.75, 0.75, 0.45].map((radius) => radius * detail));
+}
+
+// side: of the car, times the size of its details
+function drawWheel(pen, x, side, angle) {
+  const detail = Math.abs(side);
   pen.save();
-  pen.translate(x, y);
+  pen.translate(x, (side * TRACK_M) / 2);
   pen.rotate(angle);
+  pen.scale(detail, detail);
   pen.fillStyle = colour("text");
-  pen.fillRect(-WHEEL_M[0] / 2, -WHEEL_M[1] / 2 + Math.sign(y) * 0.16, WHEEL_M[0], WHEEL_M[1]);
+  pen.fillRect(-WHEEL_M[0] / 2, -WHEEL_M[1] / 2 + Math.sign(side) * 0.16, WHEEL_M[0], WHEEL_M[1]);
   pen.restore();
 }
 
-function drawGlass(pen, front, rear) {
+function drawGlass(pen, front, rear, detail) {
+  const half = (inset) => (WIDTH_M / 2 - inset) * detail;
   pen.fillStyle = colour("glass");
   pen.beginPath();
-  pen.roundRect(front - 1.15, -WIDTH_M / 2 + 0.18, 0.5, WIDTH_M - 0.36, [0.1, 0.2, 0.2, 0.1]);
-  pen.roundRect(rear + 0.1, -WIDTH_M / 2 + 0.22, 0.34, WIDTH_M - 0.44, 0.1);
+  pen.roundRect(front - 1.15 * detail, -half(0.18), 0.5 * detail, 2 * half(0.18), [0.1, 0.2, 0.2, 0.1].map((radius) => radius * detail));
+  pen.roundRect(rear + 0.1 * detail, -half(0.22), 0.34 * detail, 2 * half(0.22), 0.1 * detail);
   pen.fill();
 }
 

@@ -44,3 +44,20 @@ export function pressed(button, isPressed) {
 export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
+
+// A slider that tells its value: words of a value; moved, by whose hand; more attributes of the input.
+// It gives the arrow keys back when it is let go.
+export function slider(label, id, [min, max, step], words, moved, more = {}) {
+  const text = element("output");
+  const tell = () => setText(text, words(input.valueAsNumber));
+  const input = element("input", { type: "range", min, max, step, id, ariaLabel: label, ...more, oninput: () => {
+    tell();
+    moved(input.valueAsNumber, input);
+  } });
+  input.addEventListener("change", () => input.blur());
+  const set = (value) => {
+    input.value = value;
+    tell();
+  };
+  return { box: element("label", { className: "slider" }, label, input, text), input, set };
+}
