@@ -20,6 +20,7 @@ from ...dbc.messages import (
     SteeringStatusCode,
     curvatures_of,
 )
+from ...runtime.fast_named_tuple import new_record
 from ...runtime.node import NS_PER_S
 from ..age_limits import AgeLimits
 from ..law_interface import History, LoopDelay
@@ -103,14 +104,16 @@ def error_step(
     sample = _sample_of(p.loop_delay, x, echoes, counter, now_ns)
     if sample < 0:  # before the first received frame
         return x
-    for lost in range(max(x.sample + 1, sample - RING_SIZE), sample):
-        rings.has_error[lost & _MASK] = False
-    index = sample & _MASK
-    rings.has_error[index] = True
+    sample_before, arrival_before_ns, rate = x
+    has_error, index = rings.has_error, sample & _MASK
+    if sample > sample_before + 1:
+        for lost in range(max(sample_before + 1, sample - RING_SIZE), sample):
+            has_error[lost & _MASK] = False
+    has_error[index] = True
     rings.lateral_error_m[index] = lateral_error_m
     rings.heading_error_rad[index] = heading_error_rad
-    rate = rate_step(p.loop_delay.sensor_period_ns, x.rate, x.arrival_ns, sample, now_ns)
-    return Errors(sample, now_ns, rate)
+    rate = rate_step(p.loop_delay.sensor_period_ns, rate, arrival_before_ns, sample, now_ns)
+    return new_record(Errors, (sample, now_ns, rate))
 
 
 def yaw_rate_step(
@@ -261,12 +264,12 @@ def _sample_of(
     p: LoopDelayParams, x: Errors | Echoes, other: Errors | Echoes, counter: int, now_ns: int
 ) -> int:
     """Return the sample number of an accepted frame; that of the very first is its counter."""
-    if x.sample >= 0:
-        expected = x.sample + (now_ns - x.arrival_ns) // p.sensor_period_ns
-    elif other.sample >= 0:
-        expected = other.sample + (now_ns - other.arrival_ns) // p.sensor_period_ns
-    else:
-        return counter
+    sample, arrival_ns, _ = x
+    if sample < 0:
+        sample, arrival_ns, _ = other
+        if sample < 0:
+            return counter
+    expected = sample + (now_ns - arrival_ns) // p.sensor_period_ns
     return unwrapped(counter, expected, COUNTERS)
 
 

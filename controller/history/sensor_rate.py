@@ -52,12 +52,13 @@ def rate_step(
     ``period_ns``  the setting
     ``newest_ns``  when the sample before it arrived, if there is one
     """
-    if x.begin_ns < 0 or sample <= x.begin_sample or arrival_ns - newest_ns > GAP_NS:
+    begin_sample, begin_ns = x[0], x[1]
+    if begin_ns < 0 or sample <= begin_sample or arrival_ns - newest_ns > GAP_NS:
         return RateState(sample, arrival_ns, *x[2:])
-    lasted_ns = arrival_ns - x.begin_ns
+    lasted_ns = arrival_ns - begin_ns
     if lasted_ns < WINDOW_NS:
         return x
-    samples = sample - x.begin_sample
+    samples = sample - begin_sample
     counted_ns = samples * period_ns
     side = 0
     if counted_ns > TOLERANCE * lasted_ns:

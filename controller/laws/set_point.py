@@ -27,6 +27,7 @@ y - y*.
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
+from ...runtime.fast_named_tuple import new_record
 from ..filters.settings import VehicleModelSettings
 from ..law_interface import LawInput, LawOutput, LawPlan, LawStep, VehicleReading
 from ..limits.fades_and_ramps import FADE_M_S, NOTHING, Fading, fading_step
@@ -119,17 +120,22 @@ def set_point_params(
 
 def steady_set_point_m(p: SetPoint, vehicle: VehicleReading) -> float:
     """Return y* on a circle of the present curvature [m]."""
-    speed_m_s = vehicle.speed_m_s
-    per_curvature_m2 = p.geometric_m2 - p.by_tyres_s2 * speed_m_s * speed_m_s
-    return -per_curvature_m2 * vehicle.preview_curvature_1_m
+    geometric_m2, by_tyres_s2 = p
+    speed_m_s, _, curvature_1_m, _ = vehicle
+    return -(geometric_m2 - by_tyres_s2 * speed_m_s * speed_m_s) * curvature_1_m
 
 
 def set_point_step(p: SetPointParams, x: SetPointState, vehicle: VehicleReading) -> SetPointState:
     """Advance y* by one period."""
-    part = min(p.period_s * vehicle.speed_m_s / p.distance_m, 1.0)
-    value_m = x.value_m + part * (steady_set_point_m(p.steady, vehicle) - x.value_m)
-    wanted_m = 0.0 if vehicle.is_stale else value_m
-    return SetPointState(value_m, fading_step(p.fade_step_m, x.shown, wanted_m, vehicle.is_stale))
+    steady, distance_m, period_s, fade_step_m = p
+    value_m, shown = x
+    speed_m_s, _, _, is_stale = vehicle
+    part = period_s * speed_m_s / distance_m
+    if part > 1.0:
+        part = 1.0
+    value_m = value_m + part * (steady_set_point_m(steady, vehicle) - value_m)
+    wanted_m = 0.0 if is_stale else value_m
+    return SetPointState(value_m, fading_step(fade_step_m, shown, wanted_m, is_stale))
 
 
 def followed_point_at_rest(
@@ -158,9 +164,11 @@ def followed_point_step(
     law_step: LawStep, p: FollowedPointParams, x: FollowedPointState, observed: LawInput
 ) -> tuple[FollowedPointState, LawOutput]:
     """Advance the inner law by one period with ``law_step``, on the error against its set point."""
-    vehicle = observed.vehicle
-    set_point = set_point_step(p.set_point, x.set_point, vehicle)
-    error_m = observed.lateral_error_m - set_point.shown.value
-    own = LawInput(error_m, observed.sent_steer_rad, vehicle, observed.loop_delay, observed.history)
-    x_law, output = law_step(p.law, x.law, own)
-    return FollowedPointState(x_law, set_point), output
+    p_law, p_set_point = p
+    x_law, set_point_before = x
+    error_m, sent_rad, vehicle, loop_delay, history = observed
+    set_point = set_point_step(p_set_point, set_point_before, vehicle)
+    _, (shown_m, _, _) = set_point
+    own = new_record(LawInput, (error_m - shown_m, sent_rad, vehicle, loop_delay, history))
+    x_law, output = law_step(p_law, x_law, own)
+    return new_record(FollowedPointState, (x_law, set_point)), output

@@ -30,7 +30,8 @@ NOTHING = Fading(0.0, False, 0.0)
 
 def fading_step(step: float, x: Fading, wanted: float, source: bool) -> Fading:
     """Advance one period towards ``wanted``; at most ``step`` of a difference fades."""
-    difference = difference_step(step, x.difference, x.value, wanted, source != x.source)
+    last, source_before, difference = x
+    difference = difference_step(step, difference, last, wanted, source != source_before)
     return Fading(wanted + difference, source, difference)
 
 
@@ -44,7 +45,7 @@ def difference_step(
     """
     if is_new_source:
         return last - wanted
-    return ramp_step(step, difference)
+    return ramp_step(step, difference) if difference != 0.0 else 0.0
 
 
 def ramp_step(step: float, value: float) -> float:

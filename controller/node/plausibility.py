@@ -35,6 +35,7 @@ from math import copysign, exp, inf, sqrt
 from typing import NamedTuple
 
 from ...dbc.messages import VehicleState
+from ...runtime.fast_named_tuple import new_record
 from ..filters.nominal_model import NominalVehicle, understeer_gradient_s2_m
 from ..filters.settings import VehicleModelSettings
 from ..settings import ControllerSettings
@@ -150,27 +151,28 @@ class Memory(NamedTuple):
 
 def compared(one: float, other: float, part: float = 0.0) -> Compared:
     """Return the comparison of ``one`` with ``other + part``."""
-    return Compared(one, other + part, abs(one - part) + abs(other))
+    return new_record(Compared, (one, other + part, abs(one - part) + abs(other)))
 
 
 def memory_step(bound: Bound, x: Memory, moved: Compared, lasted_s: float) -> Memory:
     """Take what has moved in ``lasted_s``."""
-    kept, (one, other, parts) = exp(-lasted_s / FORGETS_S), moved
-    allowed = bound.floor + bound.share * (x.parts + parts)
-    residual = kept * (x.residual + max(-allowed, min(one - other, allowed)))
-    product = kept * (x.product + one * other)
-    one_2, other_2 = kept * (x.one_2 + one * one), kept * (x.other_2 + other * other)
-    is_beyond = abs(residual) > bound.floor + bound.share * kept * (x.parts + parts)
+    kept, (one, other, parts), (floor, share, _, _) = exp(-lasted_s / FORGETS_S), moved, bound
+    residual, parts_before, product, one_2, other_2, beyond_s, opposed_s = x
+    parts += parts_before
+    allowed = floor + share * parts
+    step = one - other
+    if not -allowed <= step <= allowed:
+        step = copysign(allowed, step)
+    residual = kept * (residual + step)
+    product = kept * (product + one * other)
+    one_2, other_2 = kept * (one_2 + one * one), kept * (other_2 + other * other)
+    is_beyond = abs(residual) > floor + share * kept * parts
     is_opposed = is_beyond and product < OPPOSED * sqrt(one_2 * other_2)
-    return Memory(
-        residual,
-        kept * (x.parts + parts),
-        product,
-        one_2,
-        other_2,
-        max(x.beyond_s + (lasted_s if is_beyond else -lasted_s), 0.0),
-        max(x.opposed_s + (lasted_s if is_opposed else -lasted_s), 0.0),
-    )
+    beyond_s += lasted_s if is_beyond else -lasted_s
+    opposed_s += lasted_s if is_opposed else -lasted_s
+    beyond_s, opposed_s = max(beyond_s, 0.0), max(opposed_s, 0.0)
+    after = (residual, kept * parts, product, one_2, other_2, beyond_s, opposed_s)
+    return new_record(Memory, after)
 
 
 class Plausibility:

@@ -49,10 +49,12 @@ NO_ECHO = EchoMean(None, 0.0)
 
 def echo_step(p: EchoRule, x: EchoMean, sent_ns: int, now_ns: int) -> EchoMean:
     """Take an echo of a command by when that was sent."""
+    _, averaging_ns, timeout_ns = p
+    echo_ns, mean_ns = x
     weight = 1.0
-    if x.echo_ns is not None and now_ns - x.echo_ns <= p.timeout_ns:
-        weight = min(float(now_ns - x.echo_ns) / p.averaging_ns, 1.0)
-    return EchoMean(now_ns, x.mean_ns + weight * (float(now_ns - sent_ns) - x.mean_ns))
+    if echo_ns is not None and now_ns - echo_ns <= timeout_ns:
+        weight = min(float(now_ns - echo_ns) / averaging_ns, 1.0)
+    return EchoMean(now_ns, mean_ns + weight * (float(now_ns - sent_ns) - mean_ns))
 
 
 def echo_delay_s(p: EchoRule, x: EchoMean, now_ns: int) -> float | None:

@@ -6,6 +6,8 @@ Plain arithmetic: the plant and the reader of a log run the step as it is, studi
 import math
 from typing import NamedTuple
 
+from ...runtime.fast_named_tuple import new_record
+
 
 class HeldRules(NamedTuple):
     """The band in which the judged point settles, and after how many samples it has to have."""
@@ -70,28 +72,33 @@ def held_step(
     p: HeldRules, x: Held, error_m: float, deviation_m: float, judged_m: float, wheel_rad: float
 ) -> Held:
     """Take a sample: lateral error, deviation of the centre of gravity, judged point, wheel."""
-    samples, off_m, settled_at = x.samples + 1, abs(judged_m), x.settled_at
-    settled, settled_peak_m = x.settled, x.settled_peak_m
+    band_m, settled_after = p
+    (
+        samples, settled, settled_at, error_2, deviation_2, settled_error_2, settled_deviation_2,
+        preview_peak_m, peak_m, judged_peak_m, settled_peak_m, wheel_peak_rad, _, _,
+    ) = x  # fmt: skip
+    samples, off_m = samples + 1, abs(judged_m)
     error_m2, deviation_m2 = error_m * error_m, deviation_m * deviation_m
-    settled_error_m2, settled_m2 = x.settled_error_squares_m2, x.settled_deviation_squares_m2
-    if off_m > p.band_m:
+    if off_m > band_m:
         settled_at = samples
-    if samples > p.settled_after:
-        settled, settled_peak_m = settled + 1, max(settled_peak_m, off_m)
-        settled_error_m2, settled_m2 = settled_error_m2 + error_m2, settled_m2 + deviation_m2
-    return Held(
-        samples,
-        settled,
-        settled_at,
-        x.error_squares_m2 + error_m2,
-        x.deviation_squares_m2 + deviation_m2,
-        settled_error_m2,
-        settled_m2,
-        max(x.preview_peak_m, abs(error_m)),
-        max(x.peak_m, abs(deviation_m)),
-        max(x.judged_peak_m, off_m),
-        settled_peak_m,
-        max(x.wheel_angle_peak_rad, abs(wheel_rad)),
-        deviation_m,
-        judged_m,
-    )
+    if samples > settled_after:
+        settled += 1
+        settled_error_2 += error_m2
+        settled_deviation_2 += deviation_m2
+        if off_m > settled_peak_m:
+            settled_peak_m = off_m
+    if off_m > judged_peak_m:
+        judged_peak_m = off_m
+    # ``max``, field names and the record's constructor would take three times as long.
+    if abs(error_m) > preview_peak_m:
+        preview_peak_m = abs(error_m)
+    if abs(deviation_m) > peak_m:
+        peak_m = abs(deviation_m)
+    if abs(wheel_rad) > wheel_peak_rad:
+        wheel_peak_rad = abs(wheel_rad)
+    after = (
+        samples, settled, settled_at, error_2 + error_m2, deviation_2 + deviation_m2,
+        settled_error_2, settled_deviation_2, preview_peak_m, peak_m, judged_peak_m,
+        settled_peak_m, wheel_peak_rad, deviation_m, judged_m,
+    )  # fmt: skip
+    return new_record(Held, after)

@@ -69,7 +69,7 @@ from ..steering.hand_wheel import HandWheelLink
 from ..steering.hold_and_fallback import NO_PATH, GuardMode, PathSeen
 from ..steering.plan_buffer import PlanBuffer
 from ..steering.settings import design_guard
-from ..vehicle.exact_propagation import DELTA, PSI, RHO, Y
+from ..vehicle.exact_propagation import DELTA, PSI, RHO, LinearState, Y
 from ..vehicle.motion_parameters import vehicle_params
 from ..vehicle.moving_vehicle import AnyMotionParams
 from ..vehicle.plugin_equations import make_motion
@@ -99,6 +99,7 @@ LEFT_PATH = (
     " bend; less speed or more grip would have held it"
 )
 NOT_FINITE_COMMAND = "a command that came through was not finite"
+_APPLYING = SteeringStatusCode.APPLYING
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _STEERING_IDS = frozenset(CAN_IDS[message_type] for message_type in STEERING)
 _MODES: Mapping[GuardMode, str] = {
@@ -147,7 +148,8 @@ class PlantNode:
         self._network = Network(settings.latency, settings.seed)
         received = RECEIVED if settings.hand_wheel is None else (*RECEIVED, *OF_HAND_WHEEL)
         self._reception = Reception(received, settings.counters, SENT)
-        self._hand_wheel = HandWheelLink(settings.hand_wheel)
+        table = settings.hand_wheel
+        self._hand_wheel = None if table is None else HandWheelLink(table)
         force_ns = settings.force_period_ns
         self._force_timer = PeriodicTimer(start_ns, force_ns) if force_ns else None
         self._vehicle = vehicle_params(settings.vehicle)
@@ -158,7 +160,8 @@ class PlantNode:
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
         self._asked_speed_m_s: float | None = None
-        self._seen = NO_PATH
+        self._seen: LinearState | None = None
+        self._stop_m_s2 = settings.safety.stop_m_s2
         self._sends_truth = settings.ground_truth
         self._sampling = Sampling(
             self._motion,
@@ -196,18 +199,20 @@ class PlantNode:
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Check a frame; a command enters the downlink."""
         received = self._reception.receive(frame, now_ns)
-        if isinstance(received, STEERING):
-            if self.motion_start_ns == NEVER_NS:
+        # ``isinstance`` takes five times as long.
+        if (
+            type(received) is SteeringCommand
+            or type(received) is SteeringPlan
+            or isinstance(received, HandWheelState | HandWheelFeedback)
+        ):
+            if self.motion_start_ns == NEVER_NS and not isinstance(received, HandWheelFeedback):
                 self.motion_start_ns = now_ns
             # A plan and a command take each other's place, so they are one stream of frames.
-            self._network.downlink.push([(_COMMAND_ID, received)], now_ns, self._motion_ns(now_ns))
-            self._await_downlink()
-        elif isinstance(received, HandWheelState | HandWheelFeedback):
-            if self.motion_start_ns == NEVER_NS and isinstance(received, HandWheelState):
-                self.motion_start_ns = now_ns
-            keyed = [(frame.can_id, received)]
-            self._network.downlink.push(keyed, now_ns, self._motion_ns(now_ns))
-            self._await_downlink()
+            key = _COMMAND_ID if type(received) is SteeringPlan else frame.can_id
+            downlink = self._network.downlink
+            downlink.push([(key, received)], now_ns, self._motion_ns(now_ns))
+            if downlink.next_due_ns < self.deadline_ns:
+                self.deadline_ns = downlink.next_due_ns
         elif isinstance(received, SpeedRequest):
             # It acts once all that is due before has happened.
             self._asked_speed_m_s = received.speed_max_m_s
@@ -223,11 +228,6 @@ class PlantNode:
         elif isinstance(received, Rejection) and frame.can_id in _STEERING_IDS:
             self._unit.on_rejection()
         return ()
-
-    def _await_downlink(self) -> None:
-        due_ns = self._network.downlink.next_due_ns
-        if due_ns < self.deadline_ns:
-            self.deadline_ns = due_ns
 
     def on_unauthenticated(self) -> None:
         """Count a frame that was refused before the node."""
@@ -393,48 +393,51 @@ class PlantNode:
 
     def _apply(self, due_ns: int) -> None:
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
-            latency_s = (left_ns - came_ns) * 1e-9
-            if isinstance(released, HandWheelFeedback):
-                self._hand_wheel.on_feedback(released, due_ns)
-                continue
-            if isinstance(released, HandWheelState):
-                if self._hand_wheel.driver_steers(due_ns):
-                    self._steer(self._hand_wheel.steer_rad(released), due_ns)
-                continue
-            command = self._plans.on_command(released, latency_s)
-            if command is not None:  # a plan acts from the next sample on
-                self._follow(command, latency_s, due_ns)
+            latency_s, wheel = (left_ns - came_ns) * 1e-9, self._hand_wheel
+            if type(released) is SteeringCommand:
+                self._plans.plan = None
+                self._follow(released, latency_s, due_ns)
+            elif type(released) is SteeringPlan:  # it acts from the next sample on
+                self._plans.on_plan(released, latency_s)
+            elif wheel is not None and isinstance(released, HandWheelFeedback):
+                wheel.on_feedback(released, due_ns)
+            elif wheel is not None and isinstance(released, HandWheelState):
+                if wheel.driver_steers(due_ns):
+                    self._steer(wheel.steer_rad(released), due_ns)
 
     def _follow(
         self, command: SteeringCommand, latency_s: float, due_ns: int, *, is_new: bool = True
     ) -> None:
         """Process a command at ``due_ns``; while the driver steers, it is echoed alone."""
-        is_echoed = self._hand_wheel.driver_steers(due_ns)
-        if is_echoed or self._steer(command.steer_rad, due_ns, is_new=is_new):
+        wheel = self._hand_wheel
+        is_echoed = wheel is not None and wheel.driver_steers(due_ns)
+        if is_echoed or self._steer(command.steer_rad, due_ns, is_new):
             self._command, self._command_latency_s = command, latency_s
 
-    def _steer(self, steer_rad: float, due_ns: int, *, is_new: bool = True) -> bool:
+    def _steer(self, steer_rad: float, due_ns: int, is_new: bool = True) -> bool:
         """Let an angle pass the guard at ``due_ns``; returns whether it sets the target."""
         motion_ns = self._advance(due_ns)
         if not math.isfinite(steer_rad):
             self._fail(NOT_FINITE_COMMAND, due_ns)
-        elif self._unit.on_command(steer_rad, motion_ns, is_new=is_new):
+        elif self._unit.on_command(steer_rad, motion_ns, is_new):
             self._motion.command(self._unit.target_rad)
-            self._brake()
+            if self._stop_m_s2 is not None:
+                self._brake(self._stop_m_s2)
             return True
         return False
 
     def _guard(self, due_ns: int) -> None:
-        if self._unit.on_timer(self._motion_ns(due_ns), self._seen):
+        z = self._seen
+        seen = NO_PATH if z is None else PathSeen(z[RHO], z[Y], z[PSI])
+        if self._unit.on_timer(self._motion_ns(due_ns), seen):
             self._advance(due_ns)
             self._motion.command(self._unit.target_rad)
-            self._brake()
+            if self._stop_m_s2 is not None:
+                self._brake(self._stop_m_s2)
 
-    def _brake(self) -> None:
-        """Let the fallback brake the car, where the settings say so."""
-        stop_m_s2 = self._settings.safety.stop_m_s2
-        if stop_m_s2 is not None:
-            self._motion.brake(stop_m_s2 if self._unit.stops else 0.0)
+    def _brake(self, stop_m_s2: float) -> None:
+        """Let the car brake to a stop while the steering has fallen back, and not otherwise."""
+        self._motion.brake(stop_m_s2 if self._unit.stops else 0.0)
 
     def _sense(self, time_ns: int) -> None:
         motion_ns = self._advance(time_ns)
@@ -448,8 +451,7 @@ class PlantNode:
         motion, is_limited = self._motion, self._motion.is_limited
         self._unit.on_wheel(motion.linear[DELTA], motion_ns)
         if motion.is_finite:
-            z = motion.linear
-            self._seen = PathSeen(z[RHO], z[Y], z[PSI])
+            self._seen = motion.linear
         if time_ns >= self.motion_start_ns:
             if motion.is_finite:
                 limit = self._unit.limit or ("actuator" if is_limited else "")
@@ -457,11 +459,12 @@ class PlantNode:
                 self._record.on_sample(self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
         if time_ns >= self._reported_ns and self._unit.has_fallen_back:
-            brakes = self._settings.safety.stop_m_s2 is not None and motion.is_finite
+            brakes = self._stop_m_s2 is not None and motion.is_finite
             self.finished = self.finished or not brakes or motion.speed_m_s == 0.0
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)
-        if self._hand_wheel.driver_steers(time_ns) and code is SteeringStatusCode.APPLYING:
+        wheel = self._hand_wheel
+        if wheel is not None and code is _APPLYING and wheel.driver_steers(time_ns):
             code = SteeringStatusCode.DRIVER_STEERS
         self._sampling.send(applied, code, time_ns, motion_ns)
 

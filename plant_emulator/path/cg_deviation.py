@@ -16,7 +16,7 @@ from math import cos, sin
 from .path import Path, Pose, along_clothoid, locate
 
 _TURN_SHORT_RAD = 0.05
-_HERE = Pose(0.0, 0.0, 0.0)
+_HERE = (0.0, 0.0, 0.0)
 _NODE = 0.21132486540518712
 """Of two Gauss nodes from either end; over such a turn their error is 2e-9 of the length."""
 
@@ -43,23 +43,24 @@ def cg_deviation_m(
     )
 
 
-def along_short(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Placed:
+def along_short(start: Placed, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Placed:
     """Return the pose of ``along_clothoid``, by two Gauss nodes where the piece hardly turns."""
+    start_x_m, start_y_m, heading_rad = start
     bend_rad = length_m * curvature_1_m
     turn_rad = length_m * (curvature_1_m + 0.5 * slope_1_m2 * length_m)
     if not (
         -_TURN_SHORT_RAD <= turn_rad <= _TURN_SHORT_RAD
         and -_TURN_SHORT_RAD <= bend_rad <= _TURN_SHORT_RAD
     ):
-        x_m, y_m, heading_rad = along_clothoid(start, curvature_1_m, slope_1_m2, length_m)
+        begin = Pose(start_x_m, start_y_m, heading_rad)
+        x_m, y_m, heading_rad = along_clothoid(begin, curvature_1_m, slope_1_m2, length_m)
         return x_m, y_m, heading_rad
-    heading_rad = start.heading_rad
     first_m, second_m = _NODE * length_m, (1.0 - _NODE) * length_m
     first_rad = heading_rad + first_m * (curvature_1_m + 0.5 * slope_1_m2 * first_m)
     second_rad = heading_rad + second_m * (curvature_1_m + 0.5 * slope_1_m2 * second_m)
     half_m = 0.5 * length_m
-    x_m = start.x_m + half_m * (cos(first_rad) + cos(second_rad))
-    y_m = start.y_m + half_m * (sin(first_rad) + sin(second_rad))
+    x_m = start_x_m + half_m * (cos(first_rad) + cos(second_rad))
+    y_m = start_y_m + half_m * (sin(first_rad) + sin(second_rad))
     return x_m, y_m, heading_rad + turn_rad
 
 
@@ -88,7 +89,7 @@ def deviation_behind_m(
             start_1_m = slope_1_m2 = 0.0
         curvature_1_m = start_1_m + slope_1_m2 * end_along_m
         start = poses[end_piece]  # in compiled code a row of an array, which is another type
-        begin = Pose(start.x_m, start.y_m, start.heading_rad)
+        begin = start.x_m, start.y_m, start.heading_rad
         there = along_short(begin, start_1_m, slope_1_m2, end_along_m)
         end = _seen_from(poses[piece], end, there)
     else:

@@ -84,8 +84,9 @@ def locate(path: Path, arc_length_m: float) -> tuple[int, int, float]:
     start_m = path.start_m
     lap, in_lap_m = 0, arc_length_m
     if path.closed:
-        lap = int(arc_length_m // path.length_m)
-        in_lap_m -= lap * path.length_m
+        length_m = path.length_m
+        lap = int(arc_length_m // length_m)
+        in_lap_m -= lap * length_m
     piece = bisect_right(start_m, in_lap_m) - 1 if in_lap_m > 0.0 else 0
     return lap, piece, in_lap_m - start_m[piece]
 

@@ -93,7 +93,7 @@ class SteeringUnit:
         is_kept = self._params.ramp_step_rad == 0.0
         return self.mode is GuardMode.SAFE_STATE and (is_kept or self.target_rad == 0.0)
 
-    def on_command(self, steer_rad: float, now_ns: int, *, is_new: bool = True) -> bool:
+    def on_command(self, steer_rad: float, now_ns: int, is_new: bool = True) -> bool:
         """Process a command; returns whether it sets the target.
 
         ``is_new``  whether it has just arrived, and is no later value of a plan
@@ -180,8 +180,7 @@ class SteeringUnit:
         ``is_set``  whether its target has just been set
         """
         self._state = state
-        mode, cause = state.mode, state.limiter.cause
-        self.deadline_ns, self.target_rad = state.deadline_ns, state.limiter.steer_rad
+        mode, (self.target_rad, cause, *_), _, self.deadline_ns, _, _, _ = state
         self.limit = ""
         if cause:
             name = Cause(cause).name.lower()

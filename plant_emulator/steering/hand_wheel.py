@@ -8,7 +8,6 @@ acts through the same guard as a command.
 from pydantic import Field
 
 from ...dbc.messages import HandWheelFeedback, HandWheelState, SteeredBy
-from ...runtime.node import NEVER_NS
 from ...runtime.settings import Settings
 
 SILENCE_NS = 500_000_000
@@ -25,9 +24,9 @@ class HandWheelSettings(Settings):
 class HandWheelLink:
     """Keeps what the controller said last."""
 
-    def __init__(self, settings: HandWheelSettings | None) -> None:
-        self._law_until_ns = NEVER_NS if settings is None else 0
-        self._ratio = 1.0 if settings is None else settings.steering_ratio
+    def __init__(self, settings: HandWheelSettings) -> None:
+        self._law_until_ns = 0
+        self._ratio = settings.steering_ratio
 
     def driver_steers(self, now_ns: int) -> bool:
         """Whether HAND_WHEEL_STATE sets the target of the wheels, and no command."""

@@ -131,11 +131,12 @@ def guard_command(
     ``is_new``  whether it has just arrived, and is no later value of a plan
     """
     before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad, faded_ns = x
+    silent_ns, override_ns = p.silence_ns, p.override_ns
     if before == _SAFE_STATE:
         return x, False
     fade_rad = fade_before_rad
     if fade_rad:
-        fading_ns = min(time_ns - faded_ns, p.silence_ns)
+        fading_ns = min(time_ns - faded_ns, silent_ns)
         fade_rad = _towards_zero(fade_rad, p.ramp_rad_s * (fading_ns * 1e-9))
     if not is_new:
         if before == _FALLBACK or time_ns - arrived_ns > p.plan_ns:
@@ -144,16 +145,18 @@ def guard_command(
         state = GuardState(before, limiter, arrived_ns, deadline_ns, run_before, fade_rad, time_ns)
         return state, True
     silence_ns = time_ns - arrived_ns
-    mode, good_run = before, run_before + 1 if silence_ns < p.silence_ns else 1
+    mode, good_run = before, run_before + 1 if silence_ns < silent_ns else 1
     if before <= _FOLLOWING or good_run >= p.recovery_frames:
         mode, good_run = _FOLLOWING, 0
-        deadline_ns = min(time_ns + p.silence_ns, p.override_ns)
+        deadline_ns = time_ns + silent_ns
+        if deadline_ns > override_ns:
+            deadline_ns = override_ns
     elif before == _FALLBACK:
         return GuardState(before, limiter, time_ns, deadline_ns, good_run, 0.0, time_ns), False
     elif run_before > 0:
-        deadline_ns = min(deadline_ns + min(silence_ns, p.silence_ns), p.override_ns)
+        deadline_ns = min(deadline_ns + min(silence_ns, silent_ns), override_ns)
     wanted_rad = steer_rad + fade_rad
-    if before == _FALLBACK or (before == _HOLDING and silence_ns >= p.silence_ns):
+    if before == _FALLBACK or (before == _HOLDING and silence_ns >= silent_ns):
         wanted_rad = limiter.steer_rad + (fade_rad - fade_before_rad)
         fade_rad = wanted_rad - steer_rad
     limiter, _ = limit_steer(p.limiter, limiter, wanted_rad, time_ns)
@@ -205,18 +208,20 @@ def guard_wheel(
 
     ``followed_ns``  when the wheel was last within its tolerance; its new value is returned
     """
-    if is_at_target(p.limiter, x.limiter.steer_rad, wheel_rad):
+    limiter = p.limiter
+    if is_at_target(limiter, x.limiter.steer_rad, wheel_rad):
         return x, time_ns
-    if time_ns - followed_ns > p.limiter.follow_ns:
+    if time_ns - followed_ns > limiter.follow_ns:
         x = guard_fault(x, time_ns)
     return x, followed_ns
 
 
 def is_overruled(x: GuardState) -> bool:
     """Whether the target differs from the newest command: held, ramped, faded or limited."""
-    if x.mode == _FOLLOWING:
+    mode = x.mode
+    if mode == _FOLLOWING:
         return x.fade_rad != 0.0 or x.limiter.cause != 0
-    return x.mode > _FOLLOWING
+    return mode > _FOLLOWING
 
 
 def _towards_zero(value: float, step: float) -> float:

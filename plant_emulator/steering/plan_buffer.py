@@ -34,22 +34,16 @@ def planned_rad(age: int, spacing: int, steers_rad: Sequence[float]) -> float:
 
 
 class PlanBuffer:
-    """Holds the newest plan to play in ``plan``; None without one."""
+    """Holds the newest plan to play in ``plan``; None without one. A single command ends it."""
 
     def __init__(self) -> None:
         self.plan: SteeringPlan | None = None
         self._latency_s = math.nan
         self._is_new = False
 
-    def on_command(
-        self, arrived: SteeringCommand | SteeringPlan, latency_s: float
-    ) -> SteeringCommand | None:
-        """Keep a plan in place of the one before; return a single command, which ends it."""
-        if isinstance(arrived, SteeringPlan):
-            self.plan, self._latency_s, self._is_new = arrived, latency_s, True
-            return None
-        self.plan = None
-        return arrived
+    def on_plan(self, arrived: SteeringPlan, latency_s: float) -> None:
+        """Keep a plan in place of the one before."""
+        self.plan, self._latency_s, self._is_new = arrived, latency_s, True
 
     def play(self, sample: int) -> tuple[SteeringCommand, float, bool] | None:
         """Return the command for a sample, by its E2E counter.

@@ -62,8 +62,8 @@ class MotionSteps(NamedTuple):
 
 def place_of_linear(p: MotionParams, x: Any) -> tuple[float, float]:
     """Return the arc length beside the preview point [m], and the speed [m/s]."""
-    time_ns, _, _ = x
-    return p.speed_m_s * (time_ns / NS_PER_S), p.speed_m_s
+    (time_ns, _, _), speed_m_s = x, p.speed_m_s
+    return speed_m_s * (time_ns / NS_PER_S), speed_m_s
 
 
 def _at_constant_speed(x: Any, _: float) -> Any:

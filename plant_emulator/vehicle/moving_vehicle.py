@@ -47,6 +47,9 @@ class Motion:
 
     ``advance``  advances the motion by equations of another package
 
+    ``advance(to_ns)``      advances to a time; ValueError if that is in the past
+    ``command(steer_rad)``  gives a steering command (finite) to the actuator now; it acts after
+                            its dead time
     ``time_ns``    time since the start of motion
     ``linear``     everything that moves in closed form
     ``is_finite``  whether the vehicle's state has been finite so far
@@ -57,6 +60,12 @@ class Motion:
     def __init__(self, params: AnyMotionParams, advance: Advance | None = None) -> None:
         self._params = params
         self._steps = MOTIONS[type(params)]
+        self._is_limited, self._place_of = self._steps.is_limited, self._steps.place
+        self._command, self._event_ns = self._steps.command, self._steps.event_ns
+        self.command: Callable[[float], None] = self._apply
+        self.advance: Callable[[int], None] = self._advance_to
+        if params.dead_time_ns:
+            self.command, self.advance = self._delay, self._advance_and_apply
         self._advance: Callable[..., MotionState] = advance or self._steps.advance
         self._state: MotionState = self._steps.start(params)
         self.linear: LinearState
@@ -66,15 +75,11 @@ class Motion:
         self.path = params.path
         self.preview_distance_m = params.preview_distance_m
 
-    def command(self, steer_rad: float) -> None:
-        """Give a steering command (finite) to the actuator now; it acts after its dead time."""
-        if self._params.dead_time_ns:
-            self._waiting.append((self.time_ns + self._params.dead_time_ns, steer_rad))
-        else:
-            self._apply(steer_rad)
+    def _delay(self, steer_rad: float) -> None:
+        self._waiting.append((self.time_ns + self._params.dead_time_ns, steer_rad))
 
     def _apply(self, steer_rad: float) -> None:
-        self._state = self._steps.command(self._params, self._state, steer_rad)
+        self._state = self._command(self._params, self._state, steer_rad)
         _, self.linear, _ = self._state
 
     def limit_speed(self, limit_m_s: float) -> None:
@@ -91,8 +96,7 @@ class Motion:
         self._state = self._steps.disturb(params, self._state)
         _, self.linear, _ = self._state
 
-    def advance(self, to_ns: int) -> None:
-        """Advance to ``to_ns``. Raises ValueError if that is in the past."""
+    def _advance_and_apply(self, to_ns: int) -> None:
         while self._waiting and self._waiting[0][0] <= to_ns:
             due_ns, steer_rad = self._waiting.popleft()
             self._advance_to(due_ns)
@@ -103,7 +107,7 @@ class Motion:
         if to_ns <= self.time_ns:
             if to_ns < self.time_ns:
                 raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")
-            if self._steps.event_ns(self._state) > to_ns:
+            if self._event_ns(self._state) > to_ns:
                 return
         if self.is_finite:
             state = self._advance(self._params, self._state, to_ns)
@@ -121,7 +125,7 @@ class Motion:
     @property
     def is_limited(self) -> bool:
         """Whether the actuator's angle or rate limit shapes the wheel's motion."""
-        return bool(self._steps.is_limited(self._state))
+        return bool(self._is_limited(self._state))
 
     def front_lateral_n(self, vehicle: VehicleParams) -> float:
         """Lateral force of the front axle, to the left positive; ``vehicle`` is the settings'."""
@@ -146,7 +150,7 @@ class Motion:
     @property
     def place(self) -> tuple[float, float]:
         """Arc length of the path beside the preview point over all laps [m], and speed [m/s]."""
-        arc_length_m, speed_m_s = self._steps.place(self._params, self._state)
+        arc_length_m, speed_m_s = self._place_of(self._params, self._state)
         return arc_length_m, speed_m_s
 
     @property

@@ -113,39 +113,38 @@ class VirtualTimeExecutor:
         nothing is left to wait for. Raises RuntimeError for a livelock of the nodes, and what the
         bus raises when it cannot take a frame.
         """
-        wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
+        wire, on_wire, nodes = self._wire, self._on_wire, tuple(enumerate(self._nodes))
         submit, advance, receivers_of = wire.submit, wire.advance, self._receivers_of.get
-        deadlines_ns = [node.deadline_ns for node in nodes] or [NEVER_NS]
-        """Read again only after a node has acted; those in the past are now."""
-        now_ns, events, busy_index, is_over = _BEFORE_ALL_NS, 0, 0, self.finished
+        now_ns, events, busy_index = _BEFORE_ALL_NS, 0, 0
         while events < EVENTS_PER_INSTANT_MAX:
-            wire_ns, due_ns = wire.next_event_ns, min(deadlines_ns)
-            if wire_ns > now_ns < due_ns:  # Nothing is left to do at this instant.
-                next_ns = wire_ns if wire_ns < due_ns else due_ns
-                if is_over or next_ns >= until_ns:
-                    return
-                self._now_ns = now_ns = next_ns
-                events = 0
-            if wire_ns <= now_ns:
+            next_ns = wire.next_event_ns
+            if next_ns <= now_ns:
                 for end_ns, busy_index, frame in advance(now_ns):
                     if on_wire is not None:
                         on_wire(end_ns, busy_index, frame)
                     for index, node in receivers_of(busy_index, ()):
                         events += 1
-                        for answer in node.on_frame(frame, now_ns):
-                            submit(answer, index, now_ns)
-                        deadline_ns = node.deadline_ns
-                        deadlines_ns[index] = deadline_ns if deadline_ns > now_ns else now_ns
-                        is_over = is_over or node.finished
-            else:
-                events += 1
-                busy_index = deadlines_ns.index(due_ns)
-                node = nodes[busy_index]
-                for frame in node.on_tick(now_ns):
-                    submit(frame, busy_index, now_ns)
+                        if answers := node.on_frame(frame, now_ns):
+                            for answer in answers:
+                                submit(answer, index, now_ns)
+                continue
+            for index, node in nodes:
                 deadline_ns = node.deadline_ns
-                deadlines_ns[busy_index] = deadline_ns if deadline_ns > now_ns else now_ns
-                is_over = is_over or node.finished
+                if deadline_ns <= now_ns:
+                    events, busy_index = events + 1, index
+                    for frame in node.on_tick(now_ns):
+                        submit(frame, index, now_ns)
+                    break
+                if deadline_ns < next_ns:
+                    next_ns = deadline_ns
+            else:  # Nothing is left to do at this instant.
+                if next_ns >= until_ns:
+                    return
+                for _, node in nodes:
+                    if node.finished:
+                        return
+                self._now_ns = now_ns = next_ns
+                events = 0
         raise RuntimeError(
             f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
             "its deadline does not move on, or its frames are answered without end"
