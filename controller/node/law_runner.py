@@ -120,7 +120,9 @@ class LawRunner:
         loop_delay = (
             NO_LOOP_DELAY if bus_history is None else bus_history.loop_delay(period, now_ns)
         )
-        observed = new_record(LawInput, (*read, loop_delay, self._history))
+        error_m, acting_rad, vehicle = read
+        given = error_m, acting_rad, vehicle, loop_delay, self._history
+        observed = new_record(LawInput, given)
         state, output = design.step(self._params, self._state, observed)
         steer_rad = self._share * output.steer_rad
         self.acting = -1

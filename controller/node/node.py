@@ -23,6 +23,7 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
+from ...runtime.fast_named_tuple import new_record
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision, overrun_rule
@@ -195,7 +196,7 @@ class ControllerNode:
                 frames.append(self._command_frame(mode, now_ns, period))
             if self._driver is not None:
                 frames.append(self._driver.frame())
-            fault = self._fault
+            fault = self._fault()
             is_safety_due = self._safety.on_tick(fault, now_ns)
             stops = self.has_ended_with_plant or fault is not _NO_FAULT
             self.finished = stops and sent_rad == 0.0
@@ -209,7 +210,7 @@ class ControllerNode:
             self._figures.validity[self._safety.validity] += 1
             mode, skipped = self._supervisor.mode, self._control_timer.skipped
             frames.append(self._statuses.status(mode, self._law.output, skipped))
-            frames.append(self._safety.frame(self._fault, now_ns))
+            frames.append(self._safety.frame(self._fault(), now_ns))
             frames.append(self._statuses.delay(delay_status(delay_s)))
             frames += self._statuses.speed(self._law.asked_speed_m_s)
             if served % MODEL_PERIODS == 0:
@@ -217,8 +218,9 @@ class ControllerNode:
             if self._ends_with_plant and self._sent_steer_rad == 0.0:
                 self.has_ended_with_plant = self._received.silence_ns(now_ns) >= PLANT_ENDED_NS
         elif is_safety_due:
-            frames.append(self._safety.frame(self._fault, now_ns))
-        self.deadline_ns = min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
+            frames.append(self._safety.frame(self._fault(), now_ns))
+        control_ns, status_ns = self._control_timer.deadline_ns, self._status_timer.deadline_ns
+        self.deadline_ns = control_ns if control_ns < status_ns else status_ns
         self._received.reception.on_sent(frames)
         return frames
 
@@ -402,10 +404,10 @@ class ControllerNode:
             bus_history.on_command(period, steer_rad, is_planned=is_planned)
         if figures.samples_left and arrival_ns is not None:
             error_m, age_ns = self._received.error.lateral_error_m, now_ns - arrival_ns
-            figures.keep(ControlSample(now_ns, mode, error_m, age_ns, law.output, steer_rad))
+            sample = now_ns, mode, error_m, age_ns, law.output, steer_rad
+            figures.keep(new_record(ControlSample, sample))
         return frame
 
-    @property
     def _fault(self) -> ControllerFault:
         if self._law.is_distrusted:
             return ControllerFault.LAW_FAILED

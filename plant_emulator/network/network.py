@@ -47,7 +47,8 @@ class Network:
         measured: list[Frame] = []
         for left_ns, came_ns, frames in self.uplink.pop_due(due_ns):
             self.measured_latency_s = (left_ns - came_ns) * 1e-9
-            measured += [frame for _, frame in frames]
+            for _, frame in frames:
+                measured.append(frame)
         return measured
 
     def reconfigure(self, config: LatencyChange) -> None:

@@ -399,11 +399,12 @@ class PlantNode:
                 self._follow(released, latency_s, due_ns)
             elif type(released) is SteeringPlan:  # it acts from the next sample on
                 self._plans.on_plan(released, latency_s)
-            elif wheel is not None and isinstance(released, HandWheelFeedback):
+            elif wheel is None:
+                continue
+            elif isinstance(released, HandWheelFeedback):
                 wheel.on_feedback(released, due_ns)
-            elif wheel is not None and isinstance(released, HandWheelState):
-                if wheel.driver_steers(due_ns):
-                    self._steer(wheel.steer_rad(released), due_ns)
+            elif isinstance(released, HandWheelState) and wheel.driver_steers(due_ns):
+                self._steer(wheel.steer_rad(released), due_ns)
 
     def _follow(
         self, command: SteeringCommand, latency_s: float, due_ns: int, *, is_new: bool = True
@@ -448,7 +449,7 @@ class PlantNode:
             if played is not None:
                 command, latency_s, is_new = played
                 self._follow(command, latency_s, time_ns, is_new=is_new)
-        motion, is_limited = self._motion, self._motion.is_limited
+        motion, is_limited = self._motion, self._motion.is_limited()
         self._unit.on_wheel(motion.linear[DELTA], motion_ns)
         if motion.is_finite:
             self._seen = motion.linear
@@ -462,7 +463,7 @@ class PlantNode:
             brakes = self._stop_m_s2 is not None and motion.is_finite
             self.finished = self.finished or not brakes or motion.speed_m_s == 0.0
         applied = 0 if self._command is None else self._command.command_counter
-        code = self._unit.status_code(actuator_is_limited=is_limited)
+        code = self._unit.status_code(is_limited)
         wheel = self._hand_wheel
         if wheel is not None and code is _APPLYING and wheel.driver_steers(time_ns):
             code = SteeringStatusCode.DRIVER_STEERS

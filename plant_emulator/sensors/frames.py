@@ -57,7 +57,7 @@ class SensorFrames:
         """E2E counter of the next LATERAL_ERROR, the number of its sample on the wire."""
         return self._errors.counter
 
-    def lateral_error(self, error_m: float, heading_rad: float, *, is_finite: bool) -> Frame:
+    def lateral_error(self, error_m: float, heading_rad: float, is_finite: bool) -> Frame:
         """Return LATERAL_ERROR; NOT_AVAILABLE too far from the path."""
         if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
             # The sensor reports an angle within one turn.
@@ -109,7 +109,8 @@ class SensorFrames:
         return self._paths.frame(PathAhead(path_sample=sample, path_spacing_m=spacing_m, **values))
 
     def _clamp(self, value: float, allowed: SignalRange) -> float:
-        if allowed.minimum <= value <= allowed.maximum:
+        low, high = allowed
+        if low <= value <= high:
             return value
         self.clamped += 1
-        return allowed.minimum if value < allowed.minimum else allowed.maximum
+        return low if value < low else high

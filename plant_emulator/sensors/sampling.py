@@ -103,7 +103,7 @@ class Sampling:
         if self._noise is not None:
             true = error_m, heading_rad, yaw_rate_rad_s
             error_m, heading_rad, yaw_rate_rad_s = with_noise(true, self._noise, self._uniforms)
-        error = made.lateral_error(error_m, heading_rad, is_finite=motion.is_finite)
+        error = made.lateral_error(error_m, heading_rad, motion.is_finite)
         status = made.steering_status(wheel_rad, applied, code)
         frames = [(_ERROR_ID, error), (_STATUS_ID, status)]
         if time_ns >= self._state_timer.deadline_ns:  # also after a skipped sample

@@ -101,12 +101,14 @@ class SteeringUnit:
         before = self._state
         state, is_followed = guard_command(self._params, before, steer_rad, now_ns, is_new)
         if is_new:
-            self._longest_silence_ns = self._silence_until_ns(now_ns)
+            if now_ns - self._command_ns > self._longest_silence_ns:
+                self._longest_silence_ns = now_ns - self._command_ns
             self._command_ns = now_ns
-            self._ignored += not is_followed
-        if is_followed and before.mode > _FOLLOWING and state.mode == _FOLLOWING:
+        if not is_followed:
+            self._ignored += is_new
+        elif before.mode > _FOLLOWING and state.mode == _FOLLOWING:
             self._recoveries += 1
-        self._enter(state, is_set=is_followed)
+        self._enter(state, is_followed)
         return is_followed
 
     def on_rejection(self) -> None:
@@ -117,7 +119,7 @@ class SteeringUnit:
         """Do what is due; returns whether it sets the target."""
         state, is_set = guard_timer(self._params, self._state, now_ns, seen)
         self._note_mode(state, now_ns, "override")
-        self._enter(state, is_set=is_set)
+        self._enter(state, is_set)
         return is_set
 
     def on_wheel(self, wheel_rad: float, now_ns: int) -> None:
@@ -136,7 +138,7 @@ class SteeringUnit:
         self._note_mode(state, now_ns, cause)
         self._enter(state)
 
-    def status_code(self, *, actuator_is_limited: bool) -> SteeringStatusCode:
+    def status_code(self, actuator_is_limited: bool) -> SteeringStatusCode:
         """Return the present content of STEERING_STATUS."""
         return _STATUS_CODES[status_of(self._state, actuator_is_limited)]
 
@@ -156,7 +158,7 @@ class SteeringUnit:
         ``safe_state``         cause and time; None if it was not entered
         """
         at_ns = self._safe_state_at_ns
-        is_safe = at_ns != NEVER_NS
+        is_safe, silence_ns = at_ns != NEVER_NS, self._wheel_ns - self._command_ns
         return {
             "mode": self.mode.name.lower(),
             "interventions": dict(sorted(self._interventions.items())),
@@ -164,17 +166,13 @@ class SteeringUnit:
             "fallbacks": self._entered["FALLBACK"],
             "recoveries": self._recoveries,
             "ignored_commands": self._ignored,
-            "longest_silence_s": self._silence_until_ns(self._wheel_ns) / NS_PER_S,
+            "longest_silence_s": max(self._longest_silence_ns, silence_ns) / NS_PER_S,
             "safe_state": {"cause": self._safe_state_cause, "at_s": at_ns / NS_PER_S}
             if is_safe
             else None,
         }
 
-    def _silence_until_ns(self, now_ns: int) -> int:
-        silence_ns = now_ns - self._command_ns
-        return silence_ns if silence_ns > self._longest_silence_ns else self._longest_silence_ns
-
-    def _enter(self, state: GuardState, *, is_set: bool = False) -> None:
+    def _enter(self, state: GuardState, is_set: bool = False) -> None:
         """Keep a state, and what is read of it at every event of the plant.
 
         ``is_set``  whether its target has just been set

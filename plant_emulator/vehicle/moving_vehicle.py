@@ -122,9 +122,8 @@ class Motion:
         self._state = state
         self.time_ns, self.linear, _ = state
 
-    @property
     def is_limited(self) -> bool:
-        """Whether the actuator's angle or rate limit shapes the wheel's motion."""
+        """Return whether the actuator's angle or rate limit shapes the wheel's motion."""
         return bool(self._is_limited(self._state))
 
     def front_lateral_n(self, vehicle: VehicleParams) -> float:

@@ -77,7 +77,7 @@ def test_transparent_actuator_adds_exactly_nothing(commands: list[tuple[float, i
         linear = propagate(TRANSPARENT.table, 0, linear, dt_ns)
         assert motion.linear == linear
         assert motion.linear[DELTA] == command
-        assert not motion.is_limited
+        assert not motion.is_limited()
 
 
 TRANSPARENT = motion_params(
