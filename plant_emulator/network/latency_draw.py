@@ -9,9 +9,7 @@ so that runs with the same seed meet the same network, and a distribution with a
 every frame later.
 """
 
-from collections import deque
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Callable, Iterator
 from math import exp, isnan, sqrt
 from statistics import NormalDist
 
@@ -27,15 +25,15 @@ _STANDARD_NORMAL = NormalDist()
 class LatencyDraw:
     """Draws the latency of each frame of one direction.
 
-    ``uniforms``  stream of the loss and latency of each frame
+    ``stream``    the uniforms of loss and latency of all frames, from one of them on
 
     ``trace_times_s``  times of the rows of the settings' trace [s]; empty without one
     ``constant_ns``  the one latency of all frames [ns]; None where draws decide
     """
 
-    def __init__(self, settings: LatencySettings, uniforms: Iterator[float]) -> None:
+    def __init__(self, settings: LatencySettings, stream: Callable[[int], Iterator[float]]) -> None:
         self._settings = settings
-        self._uniforms = uniforms
+        self._stream, self._uniforms = stream, stream(0)
         self._quantile = settings.quantile
         self._schedule = settings.profile
         self._trace = settings.trace()
@@ -46,14 +44,16 @@ class LatencyDraw:
         self._in_burst = False
         self._score = 0.0
         self._score_ns: int | None = None
-        self._frames_drawn = 0
-        """Frames whose uniforms have been drawn; uniforms that decide nothing are drawn later."""
         self.constant_ns = self._constant_ns()
 
-    def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
-        """Change the network from the next frame on, after ``catch_up``; ends a schedule and a
-        trace.
+    def reconfigure(
+        self, model: Distribution, mean_s: float, spread_s: float, loss: float, frames: int
+    ) -> None:
+        """Change the network from the next frame on; this ends a schedule and a trace.
+
+        ``frames``  how many have come so far. Those of constant latency have drawn nothing
         """
+        self._uniforms = self._stream(2 * frames)
         self._quantile = QUANTILES[model]
         self._schedule = ()
         self._trace = None
@@ -62,18 +62,9 @@ class LatencyDraw:
         self._loss = self._loss_params(loss)
         self.constant_ns = self._constant_ns()
 
-    def catch_up(self, frames: int) -> None:
-        """Draw what frames of constant latency did not need, so that the next frame gets its own.
-
-        ``frames``  how many have come so far
-        """
-        deque(islice(self._uniforms, 2 * (frames - self._frames_drawn)), maxlen=0)
-        self._frames_drawn = frames
-
-    def latency_ns(self, number: int, sample: int, now_ns: int, motion_ns: int) -> int | None:
+    def latency_ns(self, sample: int, now_ns: int, motion_ns: int) -> int | None:
         """Return the latency of the frame; None if it is lost.
 
-        ``number``  frames that came before
         ``sample``  samples that came before; the frames of one come together
         """
         if self._schedule:
@@ -83,7 +74,6 @@ class LatencyDraw:
         if self._settings.correlation_time_s > 0.0:
             latency_u = self._correlated(latency_u, now_ns)
         latency_s = self._latency_s(latency_u, sample, motion_ns)
-        self._frames_drawn = number + 1
         return None if is_lost or isnan(latency_s) else round(latency_s * NS_PER_S)
 
     def _follow_schedule(self, motion_ns: int) -> None:

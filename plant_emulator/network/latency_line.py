@@ -8,7 +8,7 @@ constant, nothing can overtake, and frames that come together stay together.
 """
 
 from collections import defaultdict, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
 
@@ -19,7 +19,7 @@ from .latency_draw import LatencyDraw
 from .settings import LatencySettings, Order
 
 _BLOCK = 256
-"""Frames after which deferred draws and statistics are made."""
+"""Frames after which deferred statistics are made."""
 WAITING_MAX = 100_000
 """Frames that a line holds: three times those of the longest latency at the highest rate."""
 
@@ -50,14 +50,14 @@ class LineCounts(NamedTuple):
 class LatencyLine(Generic[Item]):
     """Holds the frames of one direction until they are due.
 
-    ``uniforms``  stream of the loss and latency of each frame
+    ``stream``  as of ``LatencyDraw``
 
     ``next_due_ns``  when the next frame is due [ns]; NEVER_NS if none waits
     ``trace_times_s``  as of ``LatencyDraw``
     """
 
-    def __init__(self, settings: LatencySettings, uniforms: Iterator[float]) -> None:
-        self._draw = LatencyDraw(settings, uniforms)
+    def __init__(self, settings: LatencySettings, stream: Callable[[int], Iterator[float]]) -> None:
+        self._draw = LatencyDraw(settings, stream)
         self.trace_times_s = self._draw.trace_times_s
         self._newest_wins = settings.order is Order.NEWEST_WINS
         self._in_order = settings.order is Order.IN_ORDER
@@ -78,13 +78,14 @@ class LatencyLine(Generic[Item]):
         # Durations not in the statistics yet.
         self._latencies_ns: list[int] = []
         self._injected_ns: list[int] = []
+        self._came_in_turn = self._left_in_turn = 0
 
     @property
     def counts(self) -> LineCounts:
         """Counts of the frames so far."""
         return LineCounts(
             self._pushed,
-            self._settled + len(self._latencies_ns),
+            self._settled + len(self._latencies_ns) + self._left_in_turn,
             self._lost,
             self._superseded,
             self._overflowed,
@@ -111,32 +112,30 @@ class LatencyLine(Generic[Item]):
         """Change the network from the next frame on; this ends a schedule or a trace."""
         self._settle()
         self._separate()
-        self._draw.reconfigure(model, mean_s, spread_s, loss)
+        self._draw.reconfigure(model, mean_s, spread_s, loss, self._pushed)
 
     def push(self, frames: Sequence[tuple[int, Item]], now_ns: int, motion_ns: int) -> None:
         """Put frames into the line at ``now_ns``, ``motion_ns`` after the start of motion.
 
         ``frames``  the key and the item of each
         """
-        waiting, injected_ns, constant_ns = self._waiting, self._injected_ns, self._draw.constant_ns
+        waiting, constant_ns = self._waiting, self._draw.constant_ns
         if constant_ns is not None:
             self._drawn_ns = constant_ns
             in_turn = self._in_turn
             if not waiting and _FRAMES_MAX * len(in_turn) < WAITING_MAX:
                 count = len(frames)
                 self._pushed += count
-                injected_ns += [constant_ns] * count
+                self._came_in_turn += count
                 in_turn.append((now_ns + constant_ns, now_ns, frames))
                 self.next_due_ns = in_turn[0][0]
-                if len(injected_ns) >= _BLOCK:
-                    self._settle()
                 return
             self._separate()
-        in_order, sequence = self._in_order, self._sequence
+        in_order, sequence, injected_ns = self._in_order, self._sequence, self._injected_ns
         for key, item in frames:
             latency_ns = constant_ns
             if latency_ns is None:
-                latency_ns = self._draw.latency_ns(self._pushed, self._samples, now_ns, motion_ns)
+                latency_ns = self._draw.latency_ns(self._samples, now_ns, motion_ns)
             self._pushed += 1
             if latency_ns is None:
                 self._lost += 1
@@ -164,11 +163,11 @@ class LatencyLine(Generic[Item]):
         released: list[Passage[Item]] = []
         in_turn, latencies_ns, self.next_due_ns = self._in_turn, self._latencies_ns, NEVER_NS
         while in_turn:
-            due_ns, came_ns, frames = passage = in_turn[0]
+            due_ns, _, frames = passage = in_turn[0]
             if due_ns > now_ns:
                 self.next_due_ns = due_ns
                 return released
-            latencies_ns += [due_ns - came_ns] * len(frames)
+            self._left_in_turn += len(frames)
             released.append(passage)
             in_turn.popleft()
         waiting = self._waiting
@@ -200,10 +199,13 @@ class LatencyLine(Generic[Item]):
         self._in_turn.clear()
 
     def _settle(self) -> None:
-        """Make the deferred draws and statistics."""
-        self._draw.catch_up(self._pushed)
-        self._settled += len(self._latencies_ns)
+        """Make the deferred statistics."""
+        self._settled += len(self._latencies_ns) + self._left_in_turn
         self._latency.record_all(self._latencies_ns)
         self._injected.record_all(self._injected_ns)
+        if (constant_ns := self._draw.constant_ns) is not None:
+            self._latency.record_many(constant_ns, self._left_in_turn)
+            self._injected.record_many(constant_ns, self._came_in_turn)
+        self._came_in_turn = self._left_in_turn = 0
         self._latencies_ns.clear()
         self._injected_ns.clear()

@@ -1,6 +1,7 @@
 """The emulated network: a latency line for commands, and one for measurements."""
 
 import math
+from functools import partial
 
 from ...dbc.messages import (
     Direction,
@@ -29,9 +30,11 @@ class Network:
 
     def __init__(self, latency: BothLatencySettings, seed: int) -> None:
         self.downlink: LatencyLine[DownlinkMessage] = LatencyLine(
-            latency.downlink, uniforms(seed, Stream.DOWNLINK)
+            latency.downlink, partial(uniforms, seed, Stream.DOWNLINK, None)
         )
-        self.uplink: LatencyLine[Frame] = LatencyLine(latency.uplink, uniforms(seed, Stream.UPLINK))
+        self.uplink: LatencyLine[Frame] = LatencyLine(
+            latency.uplink, partial(uniforms, seed, Stream.UPLINK, None)
+        )
         self.measured_latency_s = math.nan
         self.traces_s = {
             "downlink": self.downlink.trace_times_s, "uplink": self.uplink.trace_times_s,

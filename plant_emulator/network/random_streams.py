@@ -27,9 +27,15 @@ class Stream(IntEnum):
     FAULTS = 5
 
 
-def uniforms(seed: int, stream: Stream, member: int | None = None) -> Iterator[float]:
-    """Return the endless stream of uniforms in (0, 1) of one purpose, or of one of its members."""
-    generator = _generator(seed, stream, *([] if member is None else [member]))
+def uniforms(
+    seed: int, stream: Stream, member: int | None = None, first: int = 0
+) -> Iterator[float]:
+    """Return the endless stream of uniforms in (0, 1) of one purpose, or of one of its members.
+
+    ``first``  how many are left out at its start, which takes no time
+    """
+    source = _source(seed, stream, *([] if member is None else [member])).advance(first)
+    generator = np.random.Generator(source)
     return chain.from_iterable(
         np.maximum(generator.random(BLOCK), SMALLEST).tolist() for _ in repeat(None)
     )
@@ -37,9 +43,10 @@ def uniforms(seed: int, stream: Stream, member: int | None = None) -> Iterator[f
 
 def first_uniforms(seed: int, stream: Stream, count: int) -> NDArray[np.float64]:
     """Return the first ``count`` numbers of the same stream, shape (count,)."""
-    return np.maximum(_generator(seed, stream).random(count), SMALLEST)
+    generator = np.random.Generator(_source(seed, stream))
+    return np.maximum(generator.random(count), SMALLEST)
 
 
-def _generator(seed: int, stream: Stream, *member: int) -> np.random.Generator:
-    # By name, because numpy may change the generator of `default_rng`.
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, stream, *member])))
+def _source(seed: int, stream: Stream, *member: int) -> np.random.PCG64:
+    # By name, because numpy may change that of `default_rng`.
+    return np.random.PCG64(np.random.SeedSequence([seed, stream, *member]))

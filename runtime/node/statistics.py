@@ -44,20 +44,20 @@ class DurationStatistics:
         self._waiting += durations_ns
         self._count_waiting()
 
-    def _count_waiting(self) -> None:
-        if not self._waiting:
+    def record_many(self, duration_ns: int, count: int) -> None:
+        """Add one duration, 0 or more [ns], ``count`` times."""
+        if count == 0:
             return
-        least_ns = min(self._waiting)
-        self._min_ns = min(self._min_ns, least_ns) if self._bins else least_ns
+        self._min_ns = min(self._min_ns, duration_ns) if self._bins else duration_ns
+        self._max_ns = max(self._max_ns, duration_ns)
+        self._total_ns += count * duration_ns
+        shift = max(duration_ns.bit_length() - _BIN_BITS, 0)
+        # The leading bits are below 2**_BIN_BITS, so bins sort like their durations.
+        self._bins[shift << _BIN_BITS | duration_ns >> shift] += count
+
+    def _count_waiting(self) -> None:
         for duration_ns, count in Counter(self._waiting).items():
-            shift = duration_ns.bit_length() - _BIN_BITS
-            if shift > 0:
-                # The leading bits are below 2**_BIN_BITS, so bins sort like their durations.
-                self._bins[shift << _BIN_BITS | duration_ns >> shift] += count
-            else:
-                self._bins[duration_ns] += count
-        self._total_ns += sum(self._waiting)
-        self._max_ns = max(self._max_ns, max(self._waiting))
+            self.record_many(duration_ns, count)
         self._waiting.clear()
 
     def quantile_ns(self, fraction: float) -> int:

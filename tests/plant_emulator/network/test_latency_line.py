@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -139,7 +140,9 @@ def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
     network: dict[str, Any], frames: int
 ) -> None:
     stream = Counted(uniforms(1, Stream.UPLINK))
-    tested: LatencyLine[int] = LatencyLine(LatencySettings.model_validate(network), stream)
+    tested: LatencyLine[int] = LatencyLine(
+        LatencySettings.model_validate(network), lambda _: stream
+    )
     for number in range(frames):
         tested.push([(0, number)], number, number)
     assert stream.taken == 2 * frames
@@ -148,7 +151,7 @@ def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
 def test_the_first_uniform_decides_the_loss_and_the_second_the_latency() -> None:
     def a_line(*numbers: float) -> LatencyLine[int]:
         table: dict[str, Any] = {"model": "uniform", "mean_s": 0.1, "spread_s": 0.01, "loss": 0.5}
-        return LatencyLine(LatencySettings.model_validate(table), iter(numbers))
+        return LatencyLine(LatencySettings.model_validate(table), lambda _: iter(numbers))
 
     kept = a_line(0.51, 0.25)
     assert injected_ns(kept, 1) == [round((0.1 - 0.5 * 3**0.5 * 0.01) * 1e9)]
@@ -186,7 +189,7 @@ def test_an_overtaken_frame_at_the_head_does_not_keep_anybody_waiting() -> None:
     """What nobody will get is dropped at once, so it is no deadline."""
     stream = (u for number in count() for u in (0.5, 0.9 if number == 0 else 0.1))
     table: dict[str, Any] = {"model": "uniform", "mean_s": 0.05, "spread_s": 0.02}
-    tested: LatencyLine[int] = LatencyLine(LatencySettings.model_validate(table), stream)
+    tested: LatencyLine[int] = LatencyLine(LatencySettings.model_validate(table), lambda _: stream)
     tested.push([(0, 0)], 0, 0)
     tested.push([(0, 1)], 1, 1)
     (popped,) = tested.pop_due(tested.next_due_ns)
@@ -203,7 +206,7 @@ def test_a_constant_latency_leaves_draws_and_order_as_they_are(
     def leave(numbers: int) -> list[Any]:
         uplink: LatencyLine[int] = LatencyLine(
             LatencySettings.model_validate({"mean_s": mean_s, "order": order}),
-            uniforms(5, Stream.UPLINK),
+            partial(uniforms, 5, Stream.UPLINK, None),
         )
         left: list[Any] = []
         for number in range(numbers):

@@ -1,5 +1,6 @@
 """A latency line, the frames that a test pushes into it, and what leaves it when."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 from steer_by_wire.plant_emulator.network.latency_line import LatencyLine
@@ -22,7 +23,8 @@ class Leaving(NamedTuple):
 
 
 def line(seed: int = 1, **table: Any) -> LatencyLine[int]:
-    return LatencyLine(LatencySettings.model_validate(table), uniforms(seed, Stream.UPLINK))
+    stream = partial(uniforms, seed, Stream.UPLINK, None)
+    return LatencyLine(LatencySettings.model_validate(table), stream)
 
 
 def run(
