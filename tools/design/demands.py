@@ -17,7 +17,6 @@ import numpy as np
 from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.settings import VehicleModelSettings
-from ...controller.filters.transfer_function import TransferFunction
 from ...controller.law_interface import VehicleReading
 from ...controller.laws.feed_forward import steer_per_curvature
 from ...controller.laws.law_from_settings import LawDesign, steady_steer
@@ -161,7 +160,6 @@ class Study(NamedTuple):
 
     spec: Specification
     vehicle: VehicleFile
-    models: tuple[TransferFunction, ...]
     tracking: TrackingGrid
     frequency: CircleGrid
     stability: Mapping[str, CircleGrid]
@@ -201,7 +199,6 @@ def make_study(
     return Study(
         spec,
         vehicle,
-        models,
         course_grid(spec, vehicle, delays_ns, takes_map=takes_map),
         circle_grid(models, spec.delays_ns, period_ns, points),
         {name: grid for name, grid in stability.items() if name not in without},
@@ -251,7 +248,7 @@ def _judged(study: Study, objective: float, demands: list[Demand]) -> Judgement:
 
 
 def _loops(study: Study, design: LawDesign) -> list[SampledLoop]:
-    return [SampledLoop(design, model, study.spec.period_ns) for model in study.models]
+    return [SampledLoop(design, model, study.spec.period_ns) for model in study.vehicle.models]
 
 
 def _slowness(study: Study, loops: Iterable[SampledLoop]) -> float:

@@ -149,9 +149,14 @@ def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
 
     The result is meaningless where the loop is unstable.
     """
-    paths = zip(_errors_and_steers(grid, design), grid.offset_m, strict=True)
-    by_path = [_track_path(grid, *path, offset_m) for path, offset_m in paths]
-    return Tracking(*(np.stack(figures) for figures in zip(*by_path, strict=True)))
+    rate_hz, before = NS_PER_S / grid.period_ns, grid.first_tick - 1
+    figures = []
+    for path_m, steer in _deviations_and_steers(grid, design):
+        steer_rad = _in_time(grid, steer)
+        steps_rad = np.abs(np.diff(steer_rad, axis=-1, prepend=0.0))
+        peaks = (np.abs(steer_rad), steps_rad * rate_hz)
+        figures.append((_rms(grid, path_m), *(peak[..., before:].max(axis=-1) for peak in peaks)))
+    return Tracking(*(np.stack(of_paths) for of_paths in zip(*figures, strict=True)))
 
 
 def rms_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
@@ -161,45 +166,25 @@ def rms_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
 
 def deviation_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
     """Return the car's deviation at every tick, shape (paths, corners, delays, ticks) [m]."""
-    paths = zip(_errors_and_steers(grid, design), grid.offset_m, strict=True)
-    return np.stack([_deviation_m(grid, *path, offset_m) for path, offset_m in paths])
+    return np.stack([path_m for path_m, _ in _deviations_and_steers(grid, design)])
 
 
-def _deviation_m(
-    grid: TrackingGrid, error: ComplexArray, steer: ComplexArray, offset_m: FloatArray
-) -> FloatArray:
-    turned = error - grid.preview_m * grid.plants[1] * steer if grid.preview_m else error
-    return _in_time(grid, turned) + offset_m[:, None]
-
-
-def _errors_and_steers(
+def _deviations_and_steers(
     grid: TrackingGrid, design: LawDesign
-) -> Iterator[tuple[ComplexArray, ComplexArray]]:
-    """Yield error and steer on the circle for path after path, shape (corners, delays, Z)."""
+) -> Iterator[tuple[FloatArray, ComplexArray]]:
+    """Yield for path after path the deviation in time, and the steer on the circle."""
     law = triangular_law(design).response(grid.z)
     sensitivity = 1.0 / (1.0 - fed_back(grid.plants, law))
-    for *unsteered, added in zip(*grid.unsteered, grid.added, strict=True):
+    for *unsteered, added, offset_m in zip(*grid.unsteered, grid.added, grid.offset_m, strict=True):
         if len(law) == 1:
             error = (unsteered[0][:, None] + grid.plants[0] * added[:, None]) * sensitivity
-            yield error, law[0] * error + added[:, None]
+            steer = law[0] * error + added[:, None]
         else:
             asked = sum(k * error for k, error in zip(law, unsteered, strict=True)) + added
             steer = asked[:, None] * sensitivity
-            yield unsteered[0][:, None] + grid.plants[0] * steer, steer
-
-
-def _track_path(
-    grid: TrackingGrid, error: ComplexArray, steer: ComplexArray, offset_m: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return RMS error, peak steer and peak rate from error and steer on the circle."""
-    steer_rad = _in_time(grid, steer)
-    steps_rad = np.abs(np.diff(steer_rad, axis=-1, prepend=0.0))
-    rate_hz, before = NS_PER_S / grid.period_ns, grid.first_tick - 1
-    return (
-        _rms(grid, _deviation_m(grid, error, steer, offset_m)),
-        np.abs(steer_rad[..., before:]).max(axis=-1),
-        steps_rad[..., before:].max(axis=-1) * rate_hz,
-    )
+            error = unsteered[0][:, None] + grid.plants[0] * steer
+        turned = error - grid.preview_m * grid.plants[1] * steer if grid.preview_m else error
+        yield _in_time(grid, turned) + offset_m[:, None], steer
 
 
 def _in_time(grid: TrackingGrid, on_circle: ComplexArray) -> FloatArray:

@@ -107,18 +107,18 @@ def run(
     return messages_in(sent, SteeringPlan), messages_in(sent, SteeringCommand), report
 
 
-@pytest.mark.parametrize(("delay_s", "spacing"), [(0.0, 4), (0.15, 5), (0.4, 7)])
-def test_the_plan_is_as_deep_as_the_delay_asks(delay_s: float, spacing: int) -> None:
-    plans, _, _ = run(controller(), f"latency.downlink.mean_s={delay_s}", duration_s=3.0)
+@pytest.mark.parametrize(
+    ("delay_s", "reserve_s", "spacing"),
+    [(0.0, 0.6, 4), (0.15, 0.6, 5), (0.4, 0.6, 7), (0.9, 2.0, SPACING_MAX)],
+)
+def test_the_plan_is_as_deep_as_the_delay_asks_and_the_wire_carries(
+    delay_s: float, reserve_s: float, spacing: int
+) -> None:
+    settings = controller(f"packet.reserve_s={reserve_s}")
+    plans, _, _ = run(settings, f"latency.downlink.mean_s={delay_s}", duration_s=3.0)
     assert plans[-1].spacing == spacing
-    assert plans[-1].spacing * (VALUES - 1) * 0.01 >= delay_s + 0.6
-
-
-def test_what_the_wire_cannot_carry_is_cut_off() -> None:
-    plans, _, _ = run(
-        controller("packet.reserve_s=2.0"), "latency.downlink.mean_s=0.9", duration_s=2.0
-    )
-    assert plans[-1].spacing == SPACING_MAX
+    is_cut_off = spacing * (VALUES - 1) * 0.01 < delay_s + reserve_s
+    assert is_cut_off == (spacing == SPACING_MAX)
 
 
 def test_an_outage_of_half_a_second_in_a_bend_costs_nothing() -> None:

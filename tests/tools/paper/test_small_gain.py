@@ -12,6 +12,7 @@ from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_
 from steer_by_wire.controller.filters.transfer_function import TransferFunction
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.laws.settings import LawSettings
+from steer_by_wire.tools.paper.corners import published_law
 from steer_by_wire.tools.paper.small_gain import (
     CdobParts,
     cdob_nominal_loop,
@@ -31,21 +32,9 @@ VERTICES = [steer_to_lateral_error(vehicle) for vehicle in paper_box().vertices(
 def cdob_law(
     q_cutoff_rad_s: float, filter_rad_s: float | None, washout_rad_s: float | None = None
 ) -> LawSettings:
-    pd = {"proportional_gain_rad_m": 1.0596, "derivative_gain_rad_s_m": 0.939}
-    if filter_rad_s is not None:
-        pd["derivative_filter_rad_s"] = filter_rad_s
-    cdob = {"q_cutoff_rad_s": q_cutoff_rad_s}
-    if washout_rad_s is not None:
-        cdob["washout_rad_s"] = washout_rad_s
-    return LawSettings.model_validate(
-        {
-            "law": "pd_cdob",
-            "rate_hz": 1000,
-            "pd": pd,
-            "cdob": cdob,
-            "nominal_model": {"kind": "paper_eq19"},
-        }
-    )
+    values = {"pd.derivative_filter_rad_s": filter_rad_s, "cdob.washout_rad_s": washout_rad_s}
+    given_values = (f"{key}={value}" for key, value in values.items() if value is not None)
+    return published_law("pd_cdob", f"cdob.q_cutoff_rad_s={q_cutoff_rad_s}", *given_values)
 
 
 def parts_of(filter_rad_s: float | None, q_cutoff_rad_s: float = 200.0) -> CdobParts:
@@ -170,6 +159,5 @@ def test_a_loop_that_meets_the_condition_is_stable(
 
 
 def test_a_law_without_cdob_has_no_condition_25() -> None:
-    pd = {"proportional_gain_rad_m": 1.0, "derivative_gain_rad_s_m": 1.0}
     with pytest.raises(ValueError, match="no CDOB"):
-        cdob_parts(LawSettings.model_validate({"law": "pd", "pd": pd}))
+        cdob_parts(published_law("pd"))

@@ -8,6 +8,9 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from ....closed_loop.compiled.engine import rms_of, run_compiled
+from ....closed_loop.studies.compiled_runs import verdict_on
+from ....controller.analysis.loop_signals import HEADING_NOISE_1_M
 from ....controller.analysis.sampled_loop import SampledLoop
 from ....controller.analysis.stable_delays import least_margin_ns
 from ....controller.filters.settings import QKind
@@ -16,6 +19,9 @@ from ....controller.laws.feed_forward import FeedForwardSettings
 from ....controller.laws.law_from_settings import design_law, required
 from ....controller.laws.predictor import NAME as PREDICTOR
 from ....controller.settings import ControllerSettings, controller_preset
+from ....plant_emulator.evaluation.run_verdict import Verdict
+from ....plant_emulator.network.settings import LatencySettings
+from ....plant_emulator.sensors.settings import SensorNoiseSettings
 from ....runtime.node import NS_PER_MS
 from ..demands import OF_THE_STEER, Study, judge_law, make_study
 from ..loop_figures import behind_lag
@@ -30,7 +36,7 @@ from ..specification import (
     Specification,
     controller_law,
 )
-from .runs import noisy_rms_m
+from ..virtual_check import plant_settings
 from .settings import STRUCTURES, Panel
 
 _WITHOUT = frozenset({"settling", "PD settling", "PD damping", "PD bandwidth"})
@@ -43,6 +49,8 @@ _COARSE_DELAYS = 3
 MARGIN_NS_MAX = 1_500_000_000
 LAG_S = 0.1
 """Of the steering, which the design does not know."""
+SENSOR_NOISE_M = 0.02
+"""Standard deviation of white noise on the lateral error."""
 
 
 class Point(NamedTuple):
@@ -197,3 +205,23 @@ def _margin_ms(settings: ControllerSettings, models: Sequence[TransferFunction])
     """Return the shortest delay margin of these plants."""
     loops = [SampledLoop(design_law(settings), model, settings.period_ns) for model in models]
     return least_margin_ns(loops, MARGIN_NS_MAX) / NS_PER_MS
+
+
+def noisy_rms_m(panel: Panel, settings: ControllerSettings, delay_ms: float) -> float:
+    """Return the car's RMS, of the nominal vehicle at this delay, with sensor noise.
+
+    The run has the real limits on the commands, frames, and the steering's guard as it is by
+    default. Infinite where it does not hold.
+    """
+    noise = SensorNoiseSettings(
+        lateral_error_m=SENSOR_NOISE_M, heading_error_rad=HEADING_NOISE_1_M * SENSOR_NOISE_M
+    )
+    plant = plant_settings(
+        settings.period_ns, panel.vehicle.vehicle.vehicle, panel.table.course.paths[0],
+        panel.table.course.duration_s, LatencySettings(mean_s=delay_ms / 1e3), seed=1001,
+        sensor_noise=noise,
+    )  # fmt: skip
+    run = run_compiled(plant, settings)
+    if verdict_on(plant, settings, run) is not Verdict.HOLDS:
+        return math.inf
+    return rms_of(run.cg_deviation_m[run.time_s >= panel.asked.ignore_s])

@@ -58,7 +58,7 @@ def confirm(study: Study, law: str, values: Values) -> Confirmation:
     design, _ = designs(controller_settings(spec, study.vehicle, law, values))
     settling_1_s = spec.d_stability.settling_1_s
     step_ns = round(spec.delay.step_ms * NS_PER_MS)
-    loops = [SampledLoop(design, model, spec.period_ns) for model in study.models]
+    loops = [SampledLoop(design, model, spec.period_ns) for model in study.vehicle.models]
     decays = [loop.decay_1_s(delay_ns) for loop in loops for delay_ns in spec.delays_ns]
     demanded = settling_1_s if "settling" in study.stability else _STABLE_1_S
     failures = sum(decay <= demanded for decay in decays)
@@ -69,7 +69,7 @@ def confirm(study: Study, law: str, values: Values) -> Confirmation:
     if spec.actuator is not None:
         lagged = [
             SampledLoop(design, behind_lag(model, spec.actuator.lag_s), spec.period_ns)
-            for model in study.models
+            for model in study.vehicle.models
         ]
         if "actuator lag" in study.stability:
             failures += _failures(lagged, spec.lag_delays_ns)
