@@ -18,7 +18,6 @@ from .report import (
     measured,
     outcome_lines,
     predictor_figures,
-    predictor_preset_text,
     preset_text,
     unmet_text,
 )
@@ -107,17 +106,17 @@ def _linear_law(job: Job) -> Outcome:
 
 
 def _predictor(job: Job) -> Outcome:
-    spec, table, vehicle = job.spec, required(job.spec.predictor), job.vehicle
+    spec, vehicle = job.spec, job.vehicle
     check = ends_after(job.minutes)
-    design = design_predictor(spec, table, vehicle, required(job.fallback), check)
+    design = design_predictor(spec, vehicle, required(job.fallback), check)
     judged = f"predictor  ({design.judged} sets of parameters judged)"
-    lines = ("", judged, *_table(predictor_figures(spec, table, design)))
-    demands = predictor_demands(spec, table, design)
+    lines = ("", judged, *_table(predictor_figures(spec, design)))
+    demands = predictor_demands(spec, design)
     if count := sum(demand.excess > 0.0 for demand in demands):
         text = unmet_text(PREDICTOR, design.settings, demands, job.sources)
         error = f"predictor: {count} of {len(demands)} demands are not met"
         return Outcome(lines, demands, text, error)
-    text = predictor_preset_text(spec, table, vehicle, design, job.sources)
+    text = preset_text(spec, vehicle, design, job.sources)
     return Outcome(lines, demands, text, ended=design.ended)
 
 

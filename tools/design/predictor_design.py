@@ -23,7 +23,7 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import least_margin_ns
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.history.echo_delay import LinkSettings
-from ...controller.laws.law_from_settings import design_law
+from ...controller.laws.law_from_settings import design_law, required
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.prediction.gains_over_speed import EstimatorSettings
 from ...controller.settings import ControllerSettings
@@ -63,8 +63,12 @@ class Task(NamedTuple):
 
     pool: ThreadPoolExecutor
     spec: Specification
-    table: PredictorTable
     vehicle: VehicleFile
+
+    @property
+    def table(self) -> PredictorTable:
+        """What is demanded of a predictor."""
+        return required(self.spec.predictor)
 
     @property
     def vehicles(self) -> tuple[NominalVehicle, ...]:
@@ -170,9 +174,7 @@ class PredictorDesign(NamedTuple):
     ended: bool = True
 
 
-def predictor_demands(
-    spec: Specification, table: PredictorTable, design: PredictorDesign
-) -> tuple[Demand, ...]:
+def predictor_demands(spec: Specification, design: PredictorDesign) -> tuple[Demand, ...]:
     """Return what is demanded of a predictor and what it reached.
 
     The conditions are named by their number, as they stand in the specification.
@@ -184,7 +186,7 @@ def predictor_demands(
         *(
             Demand(f"condition {number}", largest_m, met.error_m_max)
             for number, (met, largest_m) in enumerate(
-                zip(table.conditions, design.conditions_m, strict=True), start=1
+                zip(required(spec.predictor).conditions, design.conditions_m, strict=True), start=1
             )
         ),
     )
@@ -192,7 +194,6 @@ def predictor_demands(
 
 def design_predictor(
     spec: Specification,
-    table: PredictorTable,
     vehicle: VehicleFile,
     fallback: ControllerSettings,
     check: Check,
@@ -205,13 +206,13 @@ def design_predictor(
     ranges = {key: (value / _RANGE, value * _RANGE) for key, value in START.items()}
     ended = True
     with ThreadPoolExecutor(_THREADS) as pool:
-        task = Task(pool, spec, table, vehicle)
+        task = Task(pool, spec, vehicle)
 
         def cost(values: Values) -> float:
             if search.judged:
                 check()
             try:
-                return _cost(task, _settings(table, vehicle, fallback, values))
+                return _cost(task, _settings(task.table, vehicle, fallback, values))
             except ValidationError:
                 return LEFT_M * LEFT_M
 
@@ -219,12 +220,12 @@ def design_predictor(
         try:
             for start, place in enumerate((*near, START)):
                 seed = spec.search.seed + start
-                for _ in search.evolve(seed, table.generations, place, _SPREAD):
+                for _ in search.evolve(seed, task.table.generations, place, _SPREAD):
                     check()
         except SearchStoppedError:
             ended = False
         (best,) = search.best(1)
-        design = describe_predictor(task, _settings(table, vehicle, fallback, best))
+        design = describe_predictor(task, _settings(task.table, vehicle, fallback, best))
         return design._replace(judged=search.judged, ended=ended, values=best)
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from ...closed_loop.reports.plot_style import LINES
 from ...controller.analysis.loop_signals import HEADING_NOISE_1_M
+from ...controller.laws.law_from_settings import required
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.settings import Order
 from ...plant_emulator.path.settings import PathSettings
@@ -21,7 +22,7 @@ from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand
 from .law_design import NUMBER_UNITS, Design, failure
 from .predictor_design import PredictorDesign
-from .specification import ConditionsTable, PredictorTable, Specification
+from .specification import ConditionsTable, Specification
 from .vehicle_file import VehicleFile
 
 _TITLES = {
@@ -43,57 +44,38 @@ _CORNERS_NAMED_MAX = 4
 
 
 def preset_text(
-    spec: Specification, vehicle: VehicleFile, design: Design, sources: tuple[str, str]
+    spec: Specification,
+    vehicle: VehicleFile,
+    design: Design | PredictorDesign,
+    sources: tuple[str, str],
 ) -> str:
     """Return the TOML of a preset; ``sources`` are the names of the vehicle's and spec's files.
 
     The supervision is left out: it has nothing to do with the design, and its defaults hold.
     """
-    delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
-    judged = f"{len(vehicle.box.vertices())} corners"
-    head = _head(spec, vehicle, design.law, delays, judged, sources, design.found.ended)
-    return _commented(head, _figures(spec, design), design.preset)
+    if isinstance(design, PredictorDesign):
+        delays = f"delay from 0 to {design.delays_ns[-1] / NS_PER_MS:g} ms, measured by the echo."
+        law, judged, ended = "predictor", f"{design.vehicles} vehicles", design.ended
+        figures, settings = predictor_figures(spec, design), design.settings
+    else:
+        delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
+        law, judged = design.law, f"{len(vehicle.box.vertices())} corners"
+        ended, figures, settings = design.found.ended, _figures(spec, design), design.preset
+    head = [
+        f"{_TITLES[law]} for {spec.rate_hz:g} Hz and any {delays}",
+        f"Written by tools.design from {sources[0]} and {sources[1]}; do not edit.",
+        *([] if ended else [STOPPED]),
+        "",
+        f"Errors of the car; worst of {judged} and, where none is given, of all delays:",
+    ]
+    head += [f"  {field} {low:.6g} to {high:.6g}" for field, low, high in vehicle.box.ranges]
+    head += [f"  {path_in_words(path)}, {spec.course.duration_s:g} s" for path in spec.course.paths]
+    return _commented(head, figures, settings)
 
 
-def predictor_preset_text(
-    spec: Specification,
-    table: PredictorTable,
-    vehicle: VehicleFile,
-    design: PredictorDesign,
-    sources: tuple[str, str],
-) -> str:
-    """Return the TOML of a predictor's preset."""
-    delays = f"delay from 0 to {table.delay_ms_max:g} ms, measured by the echo."
-    judged = f"{design.vehicles} vehicles"
-    head = _head(spec, vehicle, "predictor", delays, judged, sources, design.ended)
-    return _commented(head, predictor_figures(spec, table, design), design.settings)
-
-
-def _head(
-    spec: Specification,
-    vehicle: VehicleFile,
-    law: str,
-    delays: str,
-    judged: str,
-    sources: tuple[str, str],
-    ended: bool,
-) -> Iterator[str]:
-    yield f"{_TITLES[law]} for {spec.rate_hz:g} Hz and any {delays}"
-    yield f"Written by tools.design from {sources[0]} and {sources[1]}; do not edit."
-    if not ended:
-        yield STOPPED
-    yield ""
-    yield f"Errors of the car; worst of {judged} and, where none is given, of all delays:"
-    for field, minimum, maximum in vehicle.box.ranges:
-        yield f"  {field} {minimum:.6g} to {maximum:.6g}"
-    for path in spec.course.paths:
-        yield f"  {path_in_words(path)}, {spec.course.duration_s:g} s"
-
-
-def predictor_figures(
-    spec: Specification, table: PredictorTable, design: PredictorDesign
-) -> Iterator[tuple[str, str]]:
+def predictor_figures(spec: Specification, design: PredictorDesign) -> Iterator[tuple[str, str]]:
     """Yield a heading and a figure, line by line."""
+    table = required(spec.predictor)
     for ns, rms_m, settled_m in zip(
         design.delays_ns, design.rms_m, design.settled_rms_m, strict=True
     ):

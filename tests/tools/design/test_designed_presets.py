@@ -96,12 +96,11 @@ def test_a_designed_predictor_says_what_is_measured_anew(
     settings = load_settings(ControllerSettings, text)
     spec = load_settings(Specification, None, GAIN_DESIGN / f"{specification}.toml")
     box = load_settings(VehicleFile, None, GAIN_DESIGN / f"{vehicle}.toml")
-    assert spec.predictor is not None
     with ThreadPoolExecutor(2) as pool:
-        design = describe_predictor(Task(pool, spec, spec.predictor, box), settings)
+        design = describe_predictor(Task(pool, spec, box), settings)
     said = re.findall(
         r"^#   (RMS error|jitter|noise gain|peak sensitivity|largest error|without echoes) +(.*)$",
         text.text,
         re.MULTILINE,
     )
-    assert said == list(predictor_figures(spec, spec.predictor, design))
+    assert said == list(predictor_figures(spec, design))

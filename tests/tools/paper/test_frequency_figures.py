@@ -9,9 +9,10 @@ import pytest
 from steer_by_wire.closed_loop.reports.plot_style import plot_style
 from steer_by_wire.tools.paper.corners import CORNERS, published_law
 from steer_by_wire.tools.paper.figures.frequency_figures import (
-    corner_spreads,
+    corner_responses,
     figure_10,
     figure_11,
+    spread,
 )
 from steer_by_wire.tools.paper.figures.parameter_space_figures import figure_7, figure_8
 from steer_by_wire.tools.paper.figures.small_gain_figures import (
@@ -84,8 +85,7 @@ def test_figures_7_to_9_say_the_values_behind_their_verdicts() -> None:
 
 def test_without_observer_the_vehicle_spreads_as_the_square_of_the_speed_at_rest() -> None:
     """(7/4)², less what understeer takes: V²/(l_f + l_r + K V²)."""
-    spread = corner_spreads("pd").regulated.spread[0]
-    assert 3.0 < spread < (7.0 / 4.0) ** 2
+    assert 3.0 < spread(corner_responses("pd").regulated)[0] < (7.0 / 4.0) ** 2
 
 
 @pytest.mark.parametrize("key", ["figure_10", "figure_11"])

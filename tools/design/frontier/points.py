@@ -16,7 +16,7 @@ from ....controller.analysis.stable_delays import least_margin_ns
 from ....controller.filters.settings import QKind
 from ....controller.filters.transfer_function import TransferFunction
 from ....controller.laws.feed_forward import FeedForwardSettings
-from ....controller.laws.law_from_settings import design_law, required
+from ....controller.laws.law_from_settings import design_law
 from ....controller.laws.predictor import NAME as PREDICTOR
 from ....controller.settings import ControllerSettings, controller_preset
 from ....plant_emulator.evaluation.run_verdict import Verdict
@@ -183,11 +183,10 @@ def predictor_points(panel: Panel) -> Iterator[Point]:
     longer = shipped
     for delay_ms in reversed(panel.table.delays_ms):
         spec = specification_for(panel, PREDICTOR, delay_ms)
-        table = required(spec.predictor)
         near = (longer, shipped)[: panel.search.starts - 1]
-        design = design_predictor(spec, table, panel.vehicle, preset, without_end, near)
+        design = design_predictor(spec, panel.vehicle, preset, without_end, near)
         longer = design.values
-        if not any(demand.excess for demand in predictor_demands(spec, table, design)):
+        if not any(demand.excess for demand in predictor_demands(spec, design)):
             yield Point(
                 panel.table.name,
                 PREDICTOR,

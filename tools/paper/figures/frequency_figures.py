@@ -25,42 +25,30 @@ from ..small_gain import on_axis
 CUTOFF_RAD_S = 5.0
 """ω_c of the DOB, section VI.B.1."""
 SPREAD_AT_RAD_S = 0.1
-_OMEGA_RAD_S = (1e-2, 1e3)
-_OMEGAS = 2001
+_OMEGA_RAD_S = np.geomspace(1e-2, 1e3, 2001)
 
 
 class CornerResponses(NamedTuple):
-    """Magnitudes of a response at the four vertices, 4 by the number of ω [rad/s]."""
+    """Magnitudes at the four vertices over _OMEGA_RAD_S, shape (4, Z)."""
 
-    omega_rad_s: FloatArray
-    size: FloatArray
-
-    @property
-    def spread(self) -> FloatArray:
-        """Return largest over smallest of the vertices at each ω, from 1."""
-        return np.asarray(self.size.max(axis=0) / self.size.min(axis=0))
-
-    def spread_at(self, omega_rad_s: float) -> float:
-        """Return the spread at one ω."""
-        return float(np.interp(omega_rad_s, self.omega_rad_s, self.spread))
+    closed_loop: FloatArray  # y/r
+    regulated: FloatArray  # y/u_new
 
 
-class Spreads(NamedTuple):
-    """Responses of the closed loop and of the system inside it."""
-
-    closed_loop: CornerResponses  # y/r
-    regulated: CornerResponses  # y/u_new
+def spread(size: FloatArray) -> FloatArray:
+    """Return largest over smallest of the vertices at each ω, from 1."""
+    return np.asarray(size.max(axis=0) / size.min(axis=0))
 
 
 def figure_10() -> Reproduction:
     """Return |y/r| at the four vertices without DOB, and how far it spreads."""
-    spreads = corner_spreads("pd")
+    responses = corner_responses("pd")
     return Reproduction(
         key="figure_10",
         title="Figure 10: |y/r| at the four vertices, without DOB",
         caption="PD with K_p = 1.0596, K_d = 0.939 and ideal derivative; (4) with C_r = 500,000"
         " N/rad and l_s = 2 m. Below: the vehicle itself, |y/u|.",
-        pictures=(_response_picture("figure_10", spreads, "y/u"),),
+        pictures=(_response_picture("figure_10", responses, "y/u"),),
         comparisons=(),
         verdict=Verdict.WITH_CORRECTION,
         why="The curves spread as the text says, with C_r and l_s corrected. But in |y/r| as"
@@ -72,9 +60,11 @@ def figure_10() -> Reproduction:
 
 def figure_11() -> Reproduction:
     """Return |y/r| at the four vertices with DOB, and the spread next to that of Figure 10."""
-    both = corner_spreads("pd"), corner_spreads("pd_dob")
-    closed = [one.closed_loop.spread_at(SPREAD_AT_RAD_S) for one in both]
-    plant = [one.regulated.spread_at(SPREAD_AT_RAD_S) for one in both]
+    both = corner_responses("pd"), corner_responses("pd_dob")
+    closed, plant = (
+        [float(np.interp(SPREAD_AT_RAD_S, _OMEGA_RAD_S, spread(size))) for size in sizes]
+        for sizes in zip(*both, strict=True)
+    )
     return Reproduction(
         key="figure_11",
         title="Figure 11: |y/r| at the four vertices, with DOB",
@@ -92,21 +82,17 @@ def figure_11() -> Reproduction:
     )
 
 
-def corner_spreads(law: str) -> Spreads:
+def corner_responses(law: str) -> CornerResponses:
     """Return |y/r| and |y/u_new| of a published law, pd or pd_dob, at the vertices, no delay."""
     settings = published_law(law)
-    omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
-    s = on_axis(omega_rad_s)
+    s = on_axis(_OMEGA_RAD_S)
     compensator = pd_compensator(required(settings.pd)).response(s)
     regulated = np.array([plant.response(s) for plant in corner_plants()])
     if settings.dob is not None:  # (12)
         q, model = q_order_2(settings.dob.q_cutoff_rad_s).response(s), paper_eq19().response(s)
         regulated = model * regulated / (regulated * q + model * (1.0 - q))
     loops = compensator * regulated
-    return Spreads(
-        CornerResponses(omega_rad_s, np.abs(loops / (1.0 + loops))),
-        CornerResponses(omega_rad_s, np.abs(regulated)),
-    )
+    return CornerResponses(np.abs(loops / (1.0 + loops)), np.abs(regulated))
 
 
 def _decibels(ratio: float) -> float:
@@ -122,11 +108,11 @@ def _smaller(what: str, without: float, with_dob: float, *, digits: int) -> Comp
     )
 
 
-def _response_picture(name: str, spreads: Spreads, inner: str) -> Picture:
+def _response_picture(name: str, responses: CornerResponses, inner: str) -> Picture:
     figure = Figure(figsize=(8.0, 7.2))
     upper, lower = figure.subplots(2, 1, sharex=True)
-    _draw_corners(upper, spreads.closed_loop)
-    _draw_corners(lower, spreads.regulated)
+    _draw_corners(upper, responses.closed_loop)
+    _draw_corners(lower, responses.regulated)
     upper.set(ylabel="|y/r| [dB]", title="Closed loop, y/r")
     lower.set(ylabel=f"|{inner}| [dB, m/rad]", xlabel="ω [rad/s]")
     lower.set(title=f"What the PD acts on, {inner}")
@@ -134,8 +120,8 @@ def _response_picture(name: str, spreads: Spreads, inner: str) -> Picture:
     return Picture(name, figure)
 
 
-def _draw_corners(axes: Axes, responses: CornerResponses) -> None:
-    for label, size in zip(corner_labels(), responses.size, strict=True):
-        axes.semilogx(responses.omega_rad_s, 20.0 * np.log10(size), label=label)
+def _draw_corners(axes: Axes, sizes: FloatArray) -> None:
+    for label, size in zip(corner_labels(), sizes, strict=True):
+        axes.semilogx(_OMEGA_RAD_S, 20.0 * np.log10(size), label=label)
     axes.axvline(CUTOFF_RAD_S, color="0.4", lw=0.9, ls="-.")
     axes.margins(x=0.0)
