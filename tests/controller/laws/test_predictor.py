@@ -80,33 +80,6 @@ def test_the_model_is_that_of_the_plant_emulator(speed_m_s: float, lag_s: float)
         assert x.wheel_rad == pytest.approx(z[4] - d, rel=1e-9)
 
 
-@pytest.mark.parametrize("speed_m_s", SPEEDS)
-@pytest.mark.parametrize("lag_s", [0.0, 0.27])
-def test_on_a_circle_the_steer_of_the_steady_state_holds_the_circle(
-    speed_m_s: float, lag_s: float
-) -> None:
-    """From the path's own rest the law and its model go on for ever without an error."""
-    g, curvature_1_m = gains(speed_m_s, lag_s), 1.0 / 12.0
-    p = VEHICLE
-    wheelbase_m = p.front_axle_distance_m + p.rear_axle_distance_m
-    c_f, c_r = p.front_cornering_stiffness_n_rad, p.rear_cornering_stiffness_n_rad
-    l_f, l_r = p.front_axle_distance_m, p.rear_axle_distance_m
-    understeer = p.virtual_mass_kg * (c_r * l_r - c_f * l_f) / (c_f * c_r * wheelbase_m)
-    steer_rad = curvature_1_m * (wheelbase_m + understeer * speed_m_s**2)
-    side_slip_rad = curvature_1_m * (
-        l_r - p.virtual_mass_kg * l_f * speed_m_s**2 / (c_r * wheelbase_m)
-    )
-    heading_rad = -side_slip_rad - p.preview_distance_m * curvature_1_m
-    x = EstimatorState(
-        0, side_slip_rad, speed_m_s * curvature_1_m, heading_rad, 0.0, curvature_1_m, 0.0, steer_rad
-    )
-    assert steer_for(g, x, math.inf) == pytest.approx(steer_rad, rel=1e-9)
-    for _ in range(500):
-        x = model_step(g, x, steer_for(g, x, math.inf))
-    assert abs(x.lateral_error_m) < 1e-9
-    assert x.heading_error_rad == pytest.approx(heading_rad, rel=1e-6)
-
-
 @pytest.mark.parametrize("lag_s", [0.0, 0.27])
 def test_a_steering_offset_that_is_known_leaves_no_error(lag_s: float) -> None:
     g = gains(1.39, lag_s)
@@ -160,16 +133,11 @@ def expected_mean(
     return float(np.mean([SENT[tick] if tick >= 0 else 0.0 for tick in ticks]))
 
 
-def test_where_both_echoes_name_one_command_it_is_that() -> None:
+def test_where_echoes_name_one_command_it_is_that_and_of_two_half_of_each() -> None:
     loop_delay = LoopDelay(30, 20, 20, 30.0 * MS, True)
     assert command_from(LOOP_DELAY, loop_delay, history(lambda _: 12), 10) == SENT[12]
-
-
-def test_where_two_echoes_name_two_commands_it_is_half_of_each() -> None:
-    loop_delay = LoopDelay(30, 20, 20, 30.0 * MS, True)
-    assert command_from(LOOP_DELAY, loop_delay, history(), 10) == pytest.approx(
-        0.5 * (SENT[7] + SENT[8])
-    )
+    half_of_each = pytest.approx(0.5 * (SENT[7] + SENT[8]))
+    assert command_from(LOOP_DELAY, loop_delay, history(), 10) == half_of_each
 
 
 def test_where_the_steering_overrules_its_command_it_is_the_wheel() -> None:

@@ -52,11 +52,13 @@ def test_the_set_point_puts_the_point_on_the_circle(
 
 
 @pytest.mark.parametrize("point", ["preview", "centre_of_gravity", "rear_axle"])
+@pytest.mark.parametrize(("speed_m_s", "lag_s"), [(0.6, 0.0), (1.5, 0.27), (8.0, 0.0)])
 def test_the_predictor_holds_the_steady_turn_in_which_the_point_is_on_the_path(
-    point: FollowedPoint,
+    point: FollowedPoint, speed_m_s: float, lag_s: float
 ) -> None:
-    settings = preset("practical_predictor", (f"followed_point={point}",))
-    design, speed_m_s = design_law(settings), 1.5
+    overrides = (f"followed_point={point}", f"estimator.actuator_lag_s={lag_s}")
+    settings = preset("practical_predictor", overrides)
+    design = design_law(settings)
     assert design.params_at is not None
     params = design.params_at(speed_m_s)
     gains = (params if point == "preview" else params.law).gains
@@ -70,6 +72,7 @@ def test_the_predictor_holds_the_steady_turn_in_which_the_point_is_on_the_path(
         yaw_rate_rad_s=yaw_rate_rad_s,
         heading_error_rad=heading_rad,
         curvature_1_m=CURVATURE_1_M,
+        wheel_rad=steer_rad,
     )
     assert steer_for(gains, held, math.inf) == pytest.approx(steer_rad, rel=2e-3)
 

@@ -260,25 +260,18 @@ def demands_exceeded(folder: Path) -> list[str]:
 
 
 @pytest.mark.usefixtures("same_process")
-def test_a_predictor_is_written_as_a_preset_if_it_meets_all_its_conditions(tmp_path: Path) -> None:
-    assert design_gains.main(of_a_predictor(tmp_path, 10.0)) == 0
-    assert demands_exceeded(tmp_path) == []
-    assert (tmp_path / "small_predictor.toml").exists()
-    assert not (tmp_path / "small_predictor.unmet.toml").exists()
-
-
-@pytest.mark.usefixtures("same_process")
-def test_a_predictor_that_fails_a_condition_is_kept_as_unmet(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("limit_m", "exceeded"), [(10.0, []), (1e-6, ["condition 1"])])
+def test_a_predictor_is_a_preset_if_it_meets_all_its_conditions_and_else_unmet(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], limit_m: float, exceeded: list[str]
 ) -> None:
-    assert design_gains.main(of_a_predictor(tmp_path, 1e-6)) == 1
-    printed = capsys.readouterr()
-    assert not (tmp_path / "small_predictor.toml").exists()
-    assert demands_exceeded(tmp_path) == ["condition 1"]
-    assert "error: predictor: 1 of 4 demands are not met" in printed.err
-    assert "  condition 1       NOT MET" in printed.out
-    kept = (tmp_path / "small_predictor.unmet.toml").read_text(encoding="utf-8")
-    assert kept.startswith("# NOT A DESIGN: this predictor fails")
+    assert design_gains.main(of_a_predictor(tmp_path, limit_m)) == len(exceeded)
+    assert demands_exceeded(tmp_path) == exceeded
+    kept = {path.name for path in tmp_path.glob("small_predictor*.toml")}
+    assert kept == {"small_predictor.unmet.toml" if exceeded else "small_predictor.toml"}
+    if exceeded:
+        printed = capsys.readouterr()
+        assert "error: predictor: 1 of 4 demands are not met" in printed.err
+        assert "  condition 1       NOT MET" in printed.out
 
 
 def test_a_specification_asks_for_the_heading_gain_of_a_pid(tmp_path: Path) -> None:
