@@ -19,8 +19,7 @@ import numpy as np
 
 from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
-from ..matrices import zero_order_hold
-from .linear_system import companion_form, triangular
+from .linear_system import output_rows, triangular
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 
 _PHASE_STEP_RAD = 1.0
@@ -35,13 +34,9 @@ class GrowingModes:
     """The modes of one loop outside |z| = ρ, at any constant delay up to ``delay_ns_max`` [ns]."""
 
     def __init__(self, loop: SampledLoop, delay_ns_max: int) -> None:
-        self._law = triangular(loop.law)
-        self._a, self._b, self._c = companion_form(loop.model, len(loop.law.d))
-        self._period_ns = loop.period_ns
-        self._transition, self._whole = zero_order_hold(self._a, self._b, loop.period_ns / NS_PER_S)
-        self._degree = len(self._law.b) + len(self._b)
+        self._law, self._loop = triangular(loop.law), loop
+        self._degree = len(self._law.b) + len(loop.plant(0).a)
         self._log_radius = -SLOWEST_DECAY_1_S * loop.period_ns / NS_PER_S
-        self._new: dict[int, FloatArray] = {}
         self._theta = self._grid(delay_ns_max / loop.period_ns)
         self._q, self._p = self._polynomials(self._theta)
 
@@ -71,28 +66,24 @@ class GrowingModes:
         _PHASE_STEP_RAD.
         """
         points = math.ceil(2.0 * math.pi * (whole_periods + self._degree))
-        slowest = _SLOW_RAD_S_MIN * self._period_ns / NS_PER_S
+        slowest = _SLOW_RAD_S_MIN * self._loop.period_ns / NS_PER_S
         slow = slowest * _RATIO ** np.arange(math.log(math.pi / slowest) / math.log(_RATIO))
         return np.union1d(slow, np.linspace(0.0, math.pi, points + 1))
 
     def _polynomials(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return q, shape (points,), and the factors of p, shape (points, plant order)."""
-        z = np.exp(self._log_radius + 1j * theta)
-        shifted = (z[:, None, None] * np.eye(len(self._b)) - self._transition).transpose(0, 2, 1)
-        rows = np.linalg.solve(shifted, self._c.T)
-        q = np.linalg.det(shifted) * self._law.determinant(z)
-        return q, np.einsum("iz,zni->zn", q * self._law.response(z), rows)
+        z, plant = np.exp(self._log_radius + 1j * theta), self._loop.plant(0)
+        of_plant = np.linalg.det(z[:, None, None] * np.eye(len(plant.a)) - plant.a)
+        q = of_plant * self._law.determinant(z)
+        return q, np.einsum("iz,izn->zn", q * self._law.response(z), output_rows(plant, z))
 
     def _chi(
         self, theta: FloatArray, q: ComplexArray, p: ComplexArray, delay_ns: int
     ) -> ComplexArray:
         log_z = self._log_radius + 1j * theta
-        whole_periods, rest_ns = divmod(delay_ns, self._period_ns)
-        if rest_ns not in self._new:  # a scan has the same rest again and again
-            held_s = (self._period_ns - rest_ns) / NS_PER_S
-            self._new[rest_ns] = zero_order_hold(self._a, self._b, held_s)[1]
-        new = self._new[rest_ns]
-        newer, older = _times(p, new), _times(p, self._whole - new)
+        whole_periods, rest_ns = divmod(delay_ns, self._loop.period_ns)
+        plant = self._loop.plant(rest_ns)  # a scan has the same rest again and again
+        newer, older = _times(p, plant.b_new), _times(p, plant.b_old)
         return np.asarray(
             q
             - newer * np.exp(-whole_periods * log_z)

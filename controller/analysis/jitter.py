@@ -54,28 +54,19 @@ class JitterTooLargeError(ValueError):
     """The second moments are too many to be analysed."""
 
 
-def mean_square_decay_1_s(loop: SampledLoop, when: Arrivals) -> float:
-    """Return the decay rate of the root mean square of the loop's state [1/s]; negative: it grows.
-
-    To about 1e-4, and 1 % where modes of equal rate belong together. Raises JitterTooLargeError
-    where commands on their way are too many, ValueError where none ever arrives.
-    """
-    return _MomentRecursion(loop, when).decay_1_s(_TOLERANCE, 10.0 * _TOLERANCE)
-
-
 def stable_spreads(loop: SampledLoop, mean_ns: int, loss: float = 0.0) -> tuple[Interval, ...]:
     """Return the standard deviations from 0 to the mean at which the mean square decays, ascending.
 
     The latency has a gamma distribution. Tested every SPREAD_PARTS-th of the mean, boundaries
     bisected to SPREAD_RESOLUTION_NS; what begins and ends between two tests is missed. Jitter can
     help as well as harm: the commands that overtake make the loop's age smaller than the mean
-    latency. Raises as ``mean_square_decay_1_s``.
+    latency. Raises as ``MomentRecursion``.
     """
 
-    def recursion(spread_ns: int) -> _MomentRecursion:
+    def recursion(spread_ns: int) -> MomentRecursion:
         mean_s = mean_ns / NS_PER_S
         cdf = gamma_cdf(mean_s, spread_ns / NS_PER_S) if spread_ns else constant_cdf(mean_s)
-        return _MomentRecursion(loop, arrivals(cdf, loop.period_ns, loss))
+        return MomentRecursion(loop, arrivals(cdf, loop.period_ns, loss))
 
     tested = [mean_ns * part // SPREAD_PARTS for part in range(SPREAD_PARTS + 1)]
     recursions = [recursion(spread_ns) for spread_ns in tested]  # all of them, before any is used
@@ -87,11 +78,14 @@ def stable_spreads(loop: SampledLoop, mean_ns: int, loss: float = 0.0) -> tuple[
     )
 
 
-class _MomentRecursion:
+class MomentRecursion:
     """X ↦ Σ_i P(i → j) A_j X_i A_jᵀ over one control period, as a linear operator.
 
     A mode is the age in periods of the command that is held, from the youngest that ever arrives to
     the oldest followed. The state is plant, law, and the commands of the ages 0 to the oldest.
+
+    Raises JitterTooLargeError where commands on their way are too many, ValueError where none ever
+    arrives.
     """
 
     def __init__(self, loop: SampledLoop, when: Arrivals) -> None:
@@ -118,10 +112,10 @@ class _MomentRecursion:
 
     def is_stable(self) -> bool:
         """Whether the moments decay; far from zero the rate need not be accurate for that."""
-        return self.decay_1_s(_TOLERANCE, _SIGN_TOLERANCE) > SLOWEST_DECAY_1_S
+        return self.decay_1_s(_SIGN_TOLERANCE) > SLOWEST_DECAY_1_S
 
-    def decay_1_s(self, tolerance_1_s: float, relative_tolerance: float) -> float:
-        """Return -ln λ/(2T) of the largest eigenvalue λ.
+    def decay_1_s(self, relative_tolerance: float = 10.0 * _TOLERANCE) -> float:
+        """Return -ln λ/(2T) of the largest eigenvalue λ, to 1 % where modes have equal rates.
 
         The map keeps moments positive semidefinite, so its spectral radius is an eigenvalue, and
         none has a larger real part. Arnoldi's method finds it. One of its steps is a stride of many
@@ -148,7 +142,7 @@ class _MomentRecursion:
         for eigenvalue in _arnoldi(stride, x / units):
             rates.append(-0.5 * math.log(max(eigenvalue, _SMALLEST)) / (periods * self._period_s))
             last = rates[-_AGREEING:]
-            if len(last) == _AGREEING and np.ptp(last) <= tolerance_1_s + relative_tolerance * abs(
+            if len(last) == _AGREEING and np.ptp(last) <= _TOLERANCE + relative_tolerance * abs(
                 last[0]
             ):
                 break

@@ -177,6 +177,18 @@ def held_plant(
     return HeldPlant(transition, b_new, b_old, c, whole_periods)
 
 
+def output_rows(plant: HeldPlant, z: ComplexArray) -> ComplexArray:
+    """Return C (zI - A)⁻¹ at each of ``z``, the same for every delay; shape (outputs, Z, n)."""
+    matrices = z[:, None, None] * np.eye(len(plant.a)) - plant.a.T
+    return np.asarray(np.linalg.solve(matrices, plant.c.T + 0j)).transpose(2, 0, 1)
+
+
+def plant_response(plant: HeldPlant, rows: ComplexArray, z: ComplexArray) -> ComplexArray:
+    """Return each output's answer to a command, from ``output_rows``; shape (outputs, Z)."""
+    newer_and_older = rows @ plant.b_new + (rows @ plant.b_old) / z
+    return np.asarray(newer_and_older * z ** float(-plant.whole_periods))
+
+
 def companion_form(
     model: TransferFunction, outputs: int = 1
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -18,7 +18,14 @@ from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..filters.transfer_function import TransferFunction
 from ..laws.law_from_settings import LawDesign
-from .linear_system import HeldPlant, held_plant, law_system, triangular
+from .linear_system import (
+    HeldPlant,
+    held_plant,
+    law_system,
+    output_rows,
+    plant_response,
+    triangular,
+)
 
 SLOWEST_DECAY_1_S = 1e-3
 """A mode that decays more slowly counts as drift: it takes a quarter of an hour to fall to a third.
@@ -110,19 +117,17 @@ class SampledLoop:
 
         The loop is cut where the command goes onto the bus; -1 is the critical point.
         """
-        a, b_new, b_old, c, whole_periods = self._plant(delay_ns)
-        law = triangular(self.law)
+        plant, law = self.plant(delay_ns), triangular(self.law)
 
         def response(omega_rad_s: FloatArray) -> ComplexArray:
             z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)
-            inputs = b_new + b_old / z[:, None]
-            states = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, inputs[:, :, None])
-            outputs = (states[:, :, 0] @ c.T).T * z ** float(-whole_periods)
+            outputs = plant_response(plant, output_rows(plant, z), z)
             return np.asarray(-(law.response(z) * outputs).sum(axis=0), dtype=np.complex128)
 
         return response
 
-    def _plant(self, delay_ns: int) -> HeldPlant:
+    def plant(self, delay_ns: int) -> HeldPlant:
+        """Return the plant behind a constant delay, with the outputs that the law reads."""
         return held_plant(self.model, self.period_ns, delay_ns, len(self.law.d))
 
     def _grid(self, delay_ns: int) -> FloatArray:
@@ -137,7 +142,7 @@ class SampledLoop:
 
         The commands are u[k-1], u[k-2], ..., u[k-n-1].
         """
-        a, b_new, b_old, c, whole_periods = self._plant(delay_ns)
+        a, b_new, b_old, c, whole_periods = self.plant(delay_ns)
         law = self.law
         plant_end = len(a)
         law_end = plant_end + len(law.b)

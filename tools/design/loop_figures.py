@@ -26,7 +26,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.analysis.linear_system import held_plant, triangular_law
+from ...controller.analysis.linear_system import (
+    held_plant,
+    output_rows,
+    plant_response,
+    triangular_law,
+)
 from ...controller.analysis.loop_signals import HEADING_NOISE_1_M
 from ...controller.filters.transfer_function import Factor, TransferFunction
 from ...controller.laws.law_from_settings import LawDesign
@@ -46,16 +51,13 @@ def plant_responses(
 
     The first output is the lateral error, the second the heading error.
     """
+    plants = [[held_plant(model, period_ns, each, 2) for each in delays_ns] for model in models]
     shape = 2, len(models), len(delays_ns), len(z)
     responses = np.empty(shape, dtype=np.complex128)
-    for corner, model in enumerate(models):
-        a, _, _, c, _ = held_plant(model, period_ns, 0, 2)
-        # C (zI - A)⁻¹, in which the delay has no part
-        rows = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a.T, c.T + 0j).transpose(2, 0, 1)
-        for index, delay_ns in enumerate(delays_ns):
-            plant = held_plant(model, period_ns, delay_ns, 2)
-            newer_and_older = rows @ plant.b_new + (rows @ plant.b_old) / z
-            responses[:, corner, index] = newer_and_older * z ** float(-plant.whole_periods)
+    for corner, of_delays in enumerate(plants):
+        rows = output_rows(of_delays[0], z)
+        for index, plant in enumerate(of_delays):
+            responses[:, corner, index] = plant_response(plant, rows, z)
     return responses
 
 

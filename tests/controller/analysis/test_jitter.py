@@ -9,7 +9,7 @@ from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.controller.analysis.arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf
 from steer_by_wire.controller.analysis.jitter import (
     JitterTooLargeError,
-    mean_square_decay_1_s,
+    MomentRecursion,
     stable_spreads,
 )
 from steer_by_wire.controller.settings import ControllerSettings
@@ -33,7 +33,7 @@ PERIOD_S = 0.01
 
 def decay_1_s(chosen: ControllerSettings, mean_ms: int, spread_ms: int, loss: float = 0.0) -> float:
     cdf = gamma_cdf(mean_ms / 1e3, spread_ms / 1e3)
-    return mean_square_decay_1_s(loop_of(chosen), arrivals(cdf, 10 * MS_NS, loss))
+    return MomentRecursion(loop_of(chosen), arrivals(cdf, 10 * MS_NS, loss)).decay_1_s()
 
 
 # By hand
@@ -52,7 +52,7 @@ def test_an_integrator_with_lost_commands_has_the_moments_written_down_by_hand(
     )
     motion = np.array([[1.0, 2.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
     radius = max(abs(np.linalg.eigvals(motion @ arrival)))
-    found = mean_square_decay_1_s(proportional_loop(gain), Arrivals(np.array([1.0]), loss))
+    found = MomentRecursion(proportional_loop(gain), Arrivals(np.array([1.0]), loss)).decay_1_s()
     assert found == pytest.approx(-0.5 * math.log(radius) / PERIOD_S, rel=1e-3)
 
 
@@ -66,20 +66,20 @@ def test_a_command_that_comes_now_or_next_time_has_the_moments_written_down_by_h
     lifted = at_once * np.kron(held[0], held[0]) + (1.0 - at_once) * np.kron(held[1], held[1])
     radius = max(abs(np.linalg.eigvals(lifted)))
     when = Arrivals(np.array([at_once, 1.0]))
-    found = mean_square_decay_1_s(proportional_loop(gain), when)
+    found = MomentRecursion(proportional_loop(gain), when).decay_1_s()
     assert found == pytest.approx(-0.5 * math.log(radius) / PERIOD_S, rel=1e-3)
 
 
 def test_a_loop_that_is_at_rest_after_one_period_decays_faster_than_any_rate() -> None:
     when = Arrivals(np.array([1.0]))
-    assert mean_square_decay_1_s(proportional_loop(1.0), when) > 1e3
+    assert MomentRecursion(proportional_loop(1.0), when).decay_1_s() > 1e3
 
 
 def test_nothing_that_arrives_is_an_error_and_so_is_too_much() -> None:
     with pytest.raises(ValueError, match="no command ever arrives"):
-        mean_square_decay_1_s(proportional_loop(0.1), Arrivals(np.array([0.0])))
+        MomentRecursion(proportional_loop(0.1), Arrivals(np.array([0.0])))
     with pytest.raises(JitterTooLargeError, match="take a lower rate"):
-        mean_square_decay_1_s(proportional_loop(0.1), arrivals(gamma_cdf(0.9, 0.4), 10 * MS_NS))
+        MomentRecursion(proportional_loop(0.1), arrivals(gamma_cdf(0.9, 0.4), 10 * MS_NS))
 
 
 # Without jitter
@@ -95,8 +95,8 @@ def test_a_latency_that_does_not_vary_has_the_rate_of_the_poles(
     when = arrivals(constant_cdf(delay_ms / 1e3), loop.period_ns)
     # Equal real modes of the observers, of plant zero and filter pole, are known to 2 %.
     expected_1_s = loop.decay_1_s(delay_ms * MS_NS)
-    assert mean_square_decay_1_s(loop, when) == pytest.approx(expected_1_s, rel=2e-2)
-    assert (mean_square_decay_1_s(loop, when) > 0.0) == loop.is_stable(delay_ms * MS_NS)
+    assert MomentRecursion(loop, when).decay_1_s() == pytest.approx(expected_1_s, rel=2e-2)
+    assert (MomentRecursion(loop, when).decay_1_s() > 0.0) == loop.is_stable(delay_ms * MS_NS)
 
 
 # Distributions
@@ -168,4 +168,4 @@ def test_the_spreads_tolerated_end_where_the_mean_square_begins_to_grow() -> Non
     before_ms, after_ms = spreads.first_ns / MS_NS - 1.0, spreads.first_ns / MS_NS
     for spread_ms, stable in ((before_ms, False), (after_ms, True)):
         when = arrivals(gamma_cdf(0.08, spread_ms / 1e3), loop.period_ns)
-        assert (mean_square_decay_1_s(loop, when) > 0.0) == stable
+        assert (MomentRecursion(loop, when).decay_1_s() > 0.0) == stable
