@@ -40,7 +40,7 @@ def pd_ddob_step(
     """Advance one control period."""
     pd, dob, cdob = p
     x_pd, x_dob, x_cdob, disturbance_rad = x
-    error_m, sent_rad, _, _, _ = observed
+    error_m, sent_rad = observed.lateral_error_m, observed.sent_steer_rad
     sent_demand_rad = sent_rad + disturbance_rad
     x_dob, disturbance_rad = dob_step(dob, x_dob, error_m, sent_rad)
     x_cdob, feedback_m, network_rad = cdob_step(cdob, x_cdob, error_m, sent_demand_rad)

@@ -121,21 +121,20 @@ def set_point_params(
 def steady_set_point_m(p: SetPoint, vehicle: VehicleReading) -> float:
     """Return y* on a circle of the present curvature [m]."""
     geometric_m2, by_tyres_s2 = p
-    speed_m_s, _, curvature_1_m, _ = vehicle
-    return -(geometric_m2 - by_tyres_s2 * speed_m_s * speed_m_s) * curvature_1_m
+    speed_m_s = vehicle.speed_m_s
+    per_curvature_m2 = geometric_m2 - by_tyres_s2 * speed_m_s * speed_m_s
+    return -per_curvature_m2 * vehicle.preview_curvature_1_m
 
 
 def set_point_step(p: SetPointParams, x: SetPointState, vehicle: VehicleReading) -> SetPointState:
     """Advance y* by one period."""
-    steady, distance_m, period_s, fade_step_m = p
     value_m, shown = x
-    speed_m_s, _, _, is_stale = vehicle
-    part = period_s * speed_m_s / distance_m
+    is_stale, part = vehicle.is_stale, p.period_s * vehicle.speed_m_s / p.distance_m
     if part > 1.0:
         part = 1.0
-    value_m = value_m + part * (steady_set_point_m(steady, vehicle) - value_m)
+    value_m = value_m + part * (steady_set_point_m(p.steady, vehicle) - value_m)
     wanted_m = 0.0 if is_stale else value_m
-    return SetPointState(value_m, fading_step(fade_step_m, shown, wanted_m, is_stale))
+    return SetPointState(value_m, fading_step(p.fade_step_m, shown, wanted_m, is_stale))
 
 
 def followed_point_at_rest(

@@ -49,11 +49,10 @@ NO_ECHO = EchoMean(None, 0.0)
 
 def echo_step(p: EchoRule, x: EchoMean, sent_ns: int, now_ns: int) -> EchoMean:
     """Take an echo of a command by when that was sent."""
-    _, averaging_ns, timeout_ns = p
     echo_ns, mean_ns = x
     weight = 1.0
-    if echo_ns is not None and now_ns - echo_ns <= timeout_ns:
-        weight = min(float(now_ns - echo_ns) / averaging_ns, 1.0)
+    if echo_ns is not None and now_ns - echo_ns <= p.timeout_ns:
+        weight = min(float(now_ns - echo_ns) / p.averaging_ns, 1.0)
     return EchoMean(now_ns, mean_ns + weight * (float(now_ns - sent_ns) - mean_ns))
 
 
