@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from ...runtime.bus_model.bus_model import BusModel
-from ...runtime.bus_model.rest_bus import RestBus
+from ...runtime.bus_model.rest_bus import Traffic
 from ...runtime.bus_model.settings import BusSettings, errors_of
 from ...runtime.frame import Frame
 from ...runtime.node import ReportingNode, Wrapper
@@ -34,9 +34,7 @@ def shared_bus(settings: BusSettings, seed: int) -> BusModel:
     A frame of a node that finds its transmit buffer full is lost. Other frames and error frames
     come from negative senders: receive filters of the nodes keep them away.
     """
-    messages = traffic_of(settings, seed)
-    traffic = RestBus(messages, seed) if messages else None
-    errors = errors_of(settings, seed)
+    traffic, errors = Traffic(traffic_of(settings, seed), seed), errors_of(settings, seed)
     return BusModel(settings.bitrate_bit_s, errors=errors, traffic=traffic, is_lossy=True)
 
 

@@ -35,7 +35,6 @@ _ENGAGED = re.compile(r"(active|request|enable|engage|control_?type|ctrl)", re.I
 _COUNTER = re.compile(r"count(er)?$|_cnt$|alive|_mc$|rolling", re.IGNORECASE)
 _CHECKSUM = re.compile(r"checksum|chksum|_cs$|crc", re.IGNORECASE)
 _HAND_WHEEL = (Quantity.STEER, Quantity.WHEEL_ANGLE)
-_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _UNITS = (
     (r"km/?h|kph", "km/h"),
     (r"mph|mi/h", "mph"),

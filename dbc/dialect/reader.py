@@ -4,13 +4,12 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 
 from ...runtime.frame import EXTENDED, Frame
-from ...runtime.node.end import End
 from .. import messages as ours
 from ..codec.sender_watch import SenderWatch
 from ..listening import MessageCounts
 from .car_message import CarMessage, Reading, Refused, group_of
 from .dialect import Dialect
-from .translation import FromController, FromPlant
+from .translation import Translation
 
 
 class CarReader:
@@ -25,7 +24,7 @@ class CarReader:
         self._by_group = {
             group_of(one.can_id): one for one in self._known.values() if one.is_from_any_address
         }
-        self._commands, self._measurements = FromController(dialect), FromPlant()
+        self._translation = Translation(dialect)
         self._newest: dict[str, int] = {}
         self._newest_accepted: dict[str, int] = {}
         """Counters, by message."""
@@ -47,7 +46,7 @@ class CarReader:
 
     def note_sent(self, message: ours.Message) -> None:
         """Take note of a message of ours that the peer's may answer."""
-        self._measurements.note_sent(message)
+        self._translation.note_sent(message)
 
     def read(self, message: CarMessage, frame: Frame, now_ns: int) -> Sequence[Frame] | Refused:
         """Return what a frame of one of the messages says as frames of ours."""
@@ -87,6 +86,4 @@ class CarReader:
             self._newest[message.name] = reading.counter
             if before == reading.counter:
                 return Refused.REPEATED
-        is_command = message.settings.sender == End.CONTROLLER
-        translation = self._commands if is_command else self._measurements
-        return translation.frames(message, reading.values, now_ns)
+        return self._translation.frames(message, reading.values, now_ns)

@@ -13,33 +13,58 @@ from .quantities import SAID_BY, Values
 from .settings import Quantity
 
 
-class FromController:
-    """Commands of the car as ours, for the plant."""
+class Translation:
+    """Messages of the car as ours.
+
+    A car echoes no counter of a command: that of the last one sent stands for it, so that the delay
+    which the controller measures is that of the measurements alone. A quantity that the car lacks
+    is 0; one that only says that the car is engaged, or follows commands, is 1.
+    """
 
     def __init__(self, dialect: Dialect) -> None:
-        self._sender, self._number = ours.Sender(ours.SteeringCommand), 0
-        self._is_engaged = Quantity.ENGAGED not in dialect.carried
+        is_engaged = float(Quantity.ENGAGED not in dialect.carried)
+        self._known = {**dict.fromkeys(Quantity, 0.0), Quantity.APPLYING: 1.0}
+        self._known[Quantity.ENGAGED] = is_engaged
+        self._senders: Mapping[type[ours.Message], ours.Sender] = {
+            kind: ours.Sender(kind) for kind in SAID_BY
+        }
+        self._sent_counter = self._number = 0
         self._last: tuple[int, float] | None = None
 
+    def note_sent(self, message: ours.Message) -> None:
+        """Keep the counter of the last command."""
+        if isinstance(message, ours.SteeringCommand):
+            self._sent_counter = message.command_counter
+
     def frames(self, message: CarMessage, values: Values, now_ns: int) -> Sequence[Frame] | Refused:
-        """Return the command, or why the car would refuse it."""
+        """Return our messages whose first quantity has come, or why the car would refuse it."""
+        if why := self._refusal(message, values, now_ns):
+            return why
+        self._known |= values
+        fields: dict[str, Any] = {str(name): value for name, value in self._known.items()}
+        fields |= {"applied_counter": self._sent_counter, "command_counter": self._number}
+        fields |= {"status": _CODES[_is_one(self._known[Quantity.APPLYING])]}
+        fields |= {"mode": ours.Mode.ACTIVE}
+        if Quantity.STEER in values:
+            self._last = now_ns, values[Quantity.STEER]
+            self._number = (self._number + 1) % ours.COMMAND_COUNTERS
+        return [
+            sender.frame(kind._make(fields[name] for name in kind._fields))
+            for kind, sender in self._senders.items()
+            if next(iter(SAID_BY[kind])) in values
+        ]
+
+    def _refusal(self, message: CarMessage, values: Values, now_ns: int) -> Refused | None:
         if Quantity.ENGAGED in values:
-            self._is_engaged = _is_one(values[Quantity.ENGAGED])
+            self._known[Quantity.ENGAGED] = values[Quantity.ENGAGED]
         steer_rad = values.get(Quantity.STEER)
-        if steer_rad is None:
-            return ()
-        if not self._is_engaged:
+        if steer_rad is not None and not _is_one(self._known[Quantity.ENGAGED]):
             return Refused.NOT_ENGAGED
-        if not _is_carried(values):
+        if not (math.isfinite(values.get(Quantity.APPLYING, 1.0)) and _is_carried(values)):
             return Refused.OUT_OF_RANGE
-        if self._is_too_fast(message, steer_rad, now_ns):
+        if steer_rad is not None and self._is_too_fast(message, steer_rad, now_ns):
             return Refused.TOO_FAST
-        number, self._last = self._number, (now_ns, steer_rad)
-        self._number = (number + 1) % ours.COMMAND_COUNTERS
-        command = ours.SteeringCommand(
-            steer_rad=steer_rad, command_counter=number, mode=ours.Mode.ACTIVE
-        )
-        return [self._sender.frame(command)]
+        return None
 
     def _is_too_fast(self, message: CarMessage, steer_rad: float, now_ns: int) -> bool:
         rate_rad_s = message.rate_max_rad_s
@@ -47,43 +72,6 @@ class FromController:
             return False
         since_s = max((now_ns - self._last[0]) / NS_PER_S, 1e-3 * message.settings.cycle_ms)
         return abs(steer_rad - self._last[1]) > rate_rad_s * since_s
-
-
-class FromPlant:
-    """Measurements of the car as ours, for the controller.
-
-    A car echoes no counter of a command: that of the last one sent stands for it, so that the delay
-    which the controller measures is that of the measurements alone. A quantity that the car lacks
-    is 0.
-    """
-
-    def __init__(self) -> None:
-        self._known = {**dict.fromkeys(Quantity, 0.0), Quantity.APPLYING: 1.0}
-        self._senders: Mapping[type[ours.Message], ours.Sender] = {
-            kind: ours.Sender(kind)
-            for kind in (ours.LateralError, ours.SteeringStatus, ours.VehicleState)
-        }
-        self._command_counter = 0
-
-    def note_sent(self, message: ours.Message) -> None:
-        """Keep the counter of the last command."""
-        if isinstance(message, ours.SteeringCommand):
-            self._command_counter = message.command_counter
-
-    def frames(self, message: CarMessage, values: Values, now_ns: int) -> Sequence[Frame] | Refused:  # noqa: ARG002
-        """Return our messages whose first quantity has come."""
-        is_finite = math.isfinite(values.get(Quantity.APPLYING, 1.0))
-        if not (is_finite and _is_carried(values)):
-            return Refused.OUT_OF_RANGE
-        self._known |= values
-        status = _CODES[_is_one(self._known[Quantity.APPLYING])]
-        fields: dict[str, Any] = {str(name): value for name, value in self._known.items()}
-        fields |= {"applied_counter": self._command_counter, "status": status}
-        frames = []
-        for kind, sender in self._senders.items():
-            if next(iter(SAID_BY[kind])) in values:
-                frames.append(sender.frame(kind._make(fields[name] for name in kind._fields)))
-        return frames
 
 
 _CODES = (ours.SteeringStatusCode.NO_COMMAND, ours.SteeringStatusCode.APPLYING)

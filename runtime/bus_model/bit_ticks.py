@@ -7,7 +7,7 @@ from math import gcd, lcm
 from typing import NamedTuple
 
 from ..frame import Frame
-from ..frame.length_with_stuff_bits import FrameBits, frame_bits
+from ..frame.length_with_stuff_bits import frame_bits
 from ..node import NS_PER_S
 
 
@@ -18,13 +18,10 @@ class BitTicks(NamedTuple):
     nominal: int
     data: int
 
-    def of(self, bits: FrameBits) -> int:
-        """Return how long so many bits take."""
-        return bits.nominal * self.nominal + bits.data * self.data
-
     def of_frame(self, frame: Frame) -> int:
         """Return how long a frame takes, start of frame to end of frame."""
-        return self.of(frame_bits(frame))
+        nominal_bits, data_bits = frame_bits(frame)
+        return nominal_bits * self.nominal + data_bits * self.data
 
     def whole_ns(self, ticks: int) -> int:
         """Convert to nanoseconds, rounded up [ns]."""

@@ -30,7 +30,7 @@ from ..node import NEVER_NS
 from ..node.virtual_time_loop import Delivered
 from .bit_ticks import bit_ticks
 from .bus_errors import BusErrors, error_end_ticks
-from .rest_bus import RestBus
+from .rest_bus import NO_TRAFFIC, RestBus, Traffic
 from .socketcan_error_frames import BIT_ERROR
 
 NO_NODE = -1
@@ -88,7 +88,7 @@ class BusModel:
         queue_limit: int = 1000,
         *,
         errors: BusErrors | None = None,
-        traffic: RestBus | None = None,
+        traffic: Traffic = NO_TRAFFIC,
         is_lossy: bool = False,
     ) -> None:
         if queue_limit <= 0:
@@ -98,9 +98,8 @@ class BusModel:
         self._per_ns, self._bit_ticks, _ = ticks
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
         self._queue_limit = queue_limit
-        self.errors, self.is_lossy, self._traffic = errors, is_lossy, traffic
-        if traffic is not None:
-            traffic.join(ticks)
+        self.errors, self.is_lossy = errors, is_lossy
+        self._traffic = RestBus(traffic, ticks) if traffic.messages else None
         self._queue: list[tuple[int, int, int, int, Frame]] = []
         """Arbitration field, number, duration, sender and frame of those not complete yet; a heap.
 

@@ -29,46 +29,41 @@ class PeriodicMessage(NamedTuple):
     period_ns: int
 
 
-class Ready(NamedTuple):
-    """The frame of a message that is released next, its arbitration field and its length."""
+class Traffic(NamedTuple):
+    """The messages of a rest bus, and the seed of their phases."""
 
-    arbitration: int
-    duration_ticks: int
-    sender: int
-    frame: Frame
+    messages: Sequence[PeriodicMessage] = ()
+    seed: int = 1
+
+
+NO_TRAFFIC = Traffic()
 
 
 class RestBus:
     """The messages of one bus.
 
-    ``seed``  of the phases
+    ``ticks``  of the bus
 
     ``next_due_ns``  when the next message is released [ns]
     """
 
-    def __init__(self, messages: Sequence[PeriodicMessage], seed: int) -> None:
-        ranked = sorted(messages, key=lambda one: arbitration_field(one.frames[0]))
+    def __init__(self, traffic: Traffic, ticks: BitTicks) -> None:
+        ranked = sorted(traffic.messages, key=lambda one: arbitration_field(one.frames[0]))
         self._messages = ranked
-        draw = Random(seed)  # noqa: S311 - reproducible, not secret
+        draw = Random(traffic.seed)  # noqa: S311 - reproducible, not secret
         self._due = [(draw.randrange(one.period_ns), rank) for rank, one in enumerate(ranked)]
         """When each is released next, the most urgent of those at one instant first; a heap."""
         heapify(self._due)
         self.next_due_ns = self._due[0][0]
         self._counts = [0] * len(ranked)
-
-    def join(self, ticks: BitTicks) -> None:
-        """Take part in a bus; called by its model."""
         self._ready = [
-            [
-                Ready(arbitration_field(frame), ticks.of_frame(frame), one.sender, frame)
-                for frame in one.frames
-            ]
-            for one in self._messages
+            [(arbitration_field(it), ticks.of_frame(it), one.sender, it) for it in one.frames]
+            for one in ranked
         ]
 
     @property
-    def ready(self) -> Ready:
-        """The frame that is released next."""
+    def ready(self) -> tuple[int, int, int, Frame]:
+        """Arbitration field, duration in ticks, sender and frame of what is released next."""
         rank = self._due[0][1]
         return self._ready[rank][self._counts[rank] % COUNTS]
 

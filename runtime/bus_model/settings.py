@@ -8,8 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from ..settings import Settings
-from .bit_noise import BusNoise
-from .bus_errors import BusErrors
+from .bus_errors import BusErrors, BusNoise
 
 LOAD_MAX = 1.5
 Rate = Annotated[float, Field(ge=0.0, le=0.01)]

@@ -19,9 +19,10 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from ..bus_model.rest_bus import NO_TRAFFIC, Traffic
 from ..node import NEVER_NS, NS_PER_S
 from .broker_connection import Cause, Connection, ConnectionLostError
-from .channel import NO_TRAFFIC, Channel, Traffic
+from .channel import Channel
 from .protocol import Answer, Hello, ProtocolError
 
 CHANNELS_MAX = 64
@@ -122,8 +123,7 @@ class Broker:
 
     def _deliver(self, channel: Channel, now_ns: int) -> None:
         """Send out the frames that are complete, and let their senders submit more."""
-        for delivery in channel.advance(now_ns):
-            channel.queue(delivery, delivery[0] + self._to_wall_clock_ns)
+        channel.deliver(now_ns, self._to_wall_clock_ns)
         for member in tuple(channel.members.values()):
             if member.has_outgoing or member.is_held_back:
                 self._attend(member, now_ns)

@@ -5,11 +5,8 @@ channel is advanced every PACE_NS at least, so that frames of the traffic reach 
 that much late, with their right times. Bit errors belong to virtual time alone.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
 from ..bus_model.bus_model import BusModel
-from ..bus_model.rest_bus import PeriodicMessage, RestBus
+from ..bus_model.rest_bus import NO_TRAFFIC, Traffic
 from ..node import NEVER_NS, NS_PER_MS
 from ..node.virtual_time_loop import Delivered
 from .broker_connection import FRAMES_WAITING_MAX, Connection
@@ -17,16 +14,6 @@ from .protocol import ProtocolError, pack_frame
 
 PACE_NS = NS_PER_MS
 """How long a channel with traffic is left alone at most."""
-
-
-class Traffic(NamedTuple):
-    """A rest bus of ``messages``, whose phases ``seed`` draws."""
-
-    messages: Sequence[PeriodicMessage] = ()
-    seed: int = 1
-
-
-NO_TRAFFIC = Traffic()
 
 
 class Channel:
@@ -46,10 +33,9 @@ class Channel:
         start_ns: int = 0,
     ) -> None:
         self.members: dict[int, Connection] = {}
-        rest = RestBus(*traffic) if traffic.messages else None
-        self.model = BusModel(bitrate_bit_s, data_bitrate_bit_s, traffic=rest)
-        self._is_paced = rest is not None
-        self._start_ns, self._pace_ns = (start_ns, start_ns) if self._is_paced else (0, NEVER_NS)
+        self.model = BusModel(bitrate_bit_s, data_bitrate_bit_s, traffic=traffic)
+        self._start_ns = start_ns
+        self._pace_ns = start_ns if traffic.messages else NEVER_NS
 
     @property
     def next_event_ns(self) -> int:
@@ -73,21 +59,21 @@ class Channel:
             client.waiting += 1
         return False
 
-    def advance(self, now_ns: int) -> list[Delivered]:
-        """Return what is complete, and free the places of the clients' frames in their buffers."""
-        bus_ns = now_ns - self._start_ns
-        completed = self.model.advance(bus_ns)
-        for _, sender, _ in completed:
-            if (member := self.members.get(sender)) is not None:
-                member.waiting -= 1
-        if not self._is_paced:
-            return completed
-        self._pace_ns = now_ns + PACE_NS
-        return [(end_ns + self._start_ns, by, frame) for end_ns, by, frame in completed]
+    def deliver(self, now_ns: int, to_wall_clock_ns: int = 0) -> list[Delivered]:
+        """Queue what is complete for all that want it, and free its place in its sender's buffer.
 
-    def queue(self, delivery: Delivered, time_ns: int) -> None:
-        """Queue a frame, complete at wall-clock time ``time_ns``, for all that want it."""
-        _, sender, frame = delivery
-        for member in self.members.values():
-            if member.wants(frame, sender):
-                member.queue(pack_frame(member.record_bytes, frame, time_ns))
+        Returns it, each with its end on the clock of ``now_ns``.
+        """
+        completed = [
+            (end_ns + self._start_ns, sender, frame)
+            for end_ns, sender, frame in self.model.advance(now_ns - self._start_ns)
+        ]
+        for end_ns, sender, frame in completed:
+            for member in self.members.values():
+                member.waiting -= member.number == sender
+                if member.wants(frame, sender):
+                    time_ns = end_ns + to_wall_clock_ns
+                    member.queue(pack_frame(member.record_bytes, frame, time_ns))
+        if self._pace_ns != NEVER_NS:
+            self._pace_ns = now_ns + PACE_NS
+        return completed

@@ -25,16 +25,10 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.tools.analyze.report import report_html
-from tests.fuzz.traffic import Sender, noise_of, text_of
+from tests.fuzz.traffic import noise_of
 from tests.support.frames.made_messages import command_of, error_of, message_with
 
 SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".log.gz", ".asc.gz", ".blf.gz")
-_STAMPS = (
-    "0000000000.010000",
-    "1436509052.249713",
-    "999999999999.999999999",
-    "2015-07-10 08:10:52.1",
-)
 _PIECES = (
     *(b"9" * 12, b"9" * 400, b"-", b".", b"e9", b"nan", b"\n", b"\0", b'"', b"\xc3\xa9;"),
     *(b"[" * 5_000, b"a" + b".a" * 20_000 + b" = 1\n"),
@@ -72,14 +66,10 @@ def _look(figures: Mapping[str, Any]) -> None:
 
 
 def _content(rng: Random, suffix: str) -> bytes:
-    """Return the bytes of a file: noise, lines, or a faultless log that is damaged."""
-    kind = rng.randint(0, 3)
+    """Return the bytes of a file: noise, or a faultless log that is damaged."""
     inner = suffix.removesuffix(".gz")
-    if kind == 0:
+    if rng.randint(0, 3) == 0:
         content = noise_of(rng)
-    elif kind == 1 and inner in {".log", ".txt"}:
-        lines = [_candump_line(rng) for _ in range(rng.randint(0, 60))]
-        content = "\n".join(lines).encode("utf-8", errors="surrogateescape")
     else:
         content = damaged(rng, faultless_log(".log" if inner == ".txt" else inner))
     if suffix.endswith(".gz") and rng.random() >= 0.1:
@@ -102,25 +92,6 @@ def damaged(rng: Random, content: bytes) -> bytes:
         else:
             broken[place : place + 1] = rng.choice(_PIECES)
     return bytes(broken)
-
-
-def _candump_line(rng: Random) -> str:
-    if rng.random() < 0.2:
-        return text_of(rng, 60)
-    stamp = rng.choice(_STAMPS)
-    frame = Sender().frame(rng)
-    head = f"({stamp}) vcan0 {frame.can_id:0{rng.choice((3, 8))}X}"
-    payload = frame.data.hex().upper()
-    kind = rng.randint(0, 4)
-    if kind == 0:
-        return f"{head}#{payload}"
-    if kind == 1:
-        return f"{head}##{rng.randint(0, 15):X}{payload}"
-    if kind == 2:
-        return f"{head}#R{rng.choice(('', '8', '9', '8_F'))}"
-    length = len(frame.data) if rng.random() < 0.8 else rng.randint(0, 99)
-    spaced = " ".join(payload[index : index + 2] for index in range(0, len(payload), 2))
-    return f" {head}   [{length}]  {spaced}"
 
 
 @lru_cache

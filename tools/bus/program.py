@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 
+from ...runtime.bus_model.rest_bus import NO_TRAFFIC, Traffic
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.command_line import command_parser, ending_signals, run_main, whole_number
 from ...runtime.emulated_bus.address import (
@@ -27,7 +28,6 @@ from ...runtime.emulated_bus.address import (
     parse_address,
 )
 from ...runtime.emulated_bus.broker import Broker
-from ...runtime.emulated_bus.channel import NO_TRAFFIC, Traffic
 from ...runtime.exit_status import ExitStatus, cause_of
 from ...runtime.program.bus_options import (
     add_traffic_arguments,

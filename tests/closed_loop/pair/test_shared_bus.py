@@ -12,7 +12,7 @@ from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
 from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
+from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, Traffic
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
@@ -125,10 +125,10 @@ def test_a_bus_is_never_busy_for_longer_than_it_runs(bit_error_rate: float) -> N
 def test_a_babbling_node_takes_what_its_identifier_wins(is_urgent: bool) -> None:
     """It has always a frame ready: after everything of the pair's, or before."""
     frames = (Frame(0x000 if is_urgent else 0x7FF, bytes(8)),) * COUNTS
-    traffic = RestBus([PeriodicMessage("babbler", -1, frames, NS_PER_MS // 10)], 0)
-    if is_urgent:
-        traffic._due, traffic.next_due_ns = [(NS_PER_S, 0)], NS_PER_S
+    traffic = Traffic([PeriodicMessage("babbler", -1, frames, NS_PER_MS // 10)])
     bus = BusModel(500_000, traffic=traffic)
+    if is_urgent and (rest := bus._traffic):
+        rest._due, rest.next_due_ns = [(NS_PER_S, 0)], NS_PER_S
     settings = PlantSettings(duration_s=4.0), controller_preset("practical_pd_ddob")
     pair = make_virtual_pair(*settings, 0, 5000)
     pair.run(bus)

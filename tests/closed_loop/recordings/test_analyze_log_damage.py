@@ -22,7 +22,6 @@ from tests.support.runs.logged_run import (
     analyse,
     convert,
     is_of,
-    same_but_for_times,
     write_log,
     written,
 )
@@ -34,36 +33,9 @@ from tests.support.suite.unrendered import unrendered as unrendered
 pytestmark = pytest.mark.usefixtures("unrendered")
 
 Capture = pytest.CaptureFixture[str]
-PERIOD_S = 0.01
 
 
 # Damage
-
-
-def damaged(lines: list[str], position: int, text: str) -> str:
-    return "".join([*lines[:position], text + "\n", *lines[position:]])
-
-
-@pytest.mark.parametrize(
-    ("suffix", "position", "line"),
-    [
-        (".log", 7, "(0000000000.06 vcan0 110#00"),
-        (".asc", 12, " 0.0600 1  110             Rx   d 8 ZZ 00 00 00 00 00 00 00"),
-        (".csv", 7, "0.06,0x110,0,0,0,8"),
-        (".trc", 25, "     12         60.000 DT  1     0110 Rx -  8    ZZ 00 00 00 00 00 00 00"),
-    ],
-)
-def test_a_damaged_line_is_counted_and_reported_and_costs_no_other(
-    beginning: Path, tmp_path: Path, suffix: str, position: int, line: str
-) -> None:
-    whole = convert(entries_in(beginning), tmp_path / f"whole{suffix}")
-    lines = whole.read_text().splitlines(keepends=True)
-    path = tmp_path / f"damaged{suffix}"
-    path.write_text(damaged(lines, position, line))
-    figures = analyse(path)
-    assert figures["unreadable"] == 1
-    assert figures["first_unreadable"].startswith(f"{path}:{position + 1}: no frame")
-    same_but_for_times(analyse(whole), {**figures, "unreadable": 0, "first_unreadable": ""})
 
 
 SHORT = [Logged(n * 10_000_000, "can0", Frame(0x100 + n, bytes([n] * 8))) for n in range(40)]
@@ -127,20 +99,6 @@ def test_a_file_without_a_frame_is_one_clear_line(
     assert main([str(path), "--out", str(tmp_path / "out")]) == ExitStatus.SETTINGS
     (error,) = capsys.readouterr().err.splitlines()
     assert error.startswith(f"steer-by-wire analyze: error: {line.format(path=path)}")
-
-
-def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path, capsys: Capture) -> None:
-    for name in ("nothing.log", "nothing.blf"):
-        path = tmp_path / name
-        assert main([str(path), "--out", str(tmp_path / "out")]) == ExitStatus.SETTINGS
-        assert (
-            capsys.readouterr().err
-            == f"steer-by-wire analyze: error: {path}: No such file or directory\n"
-        )
-        assert not path.exists()
-    (tmp_path / "one.log").symlink_to("one.log")
-    assert main([str(tmp_path / "one.log"), "--out", str(tmp_path / "out")]) == ExitStatus.SETTINGS
-    assert capsys.readouterr().err.count("\n") == 1
 
 
 # Loss, by cause

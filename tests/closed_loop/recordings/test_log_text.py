@@ -1,6 +1,7 @@
 """Whatever a text log says is read, or counted as not read, in each dialect of each format."""
 
 import os
+import re
 import threading
 from base64 import b64encode
 from collections.abc import Callable
@@ -153,6 +154,8 @@ def test_a_line_that_is_cut_changed_doubled_or_swapped_is_read_or_counted(
     path = tmp_path_factory.mktemp("log") / f"log{suffix}"
     logged, state = read(path, head + "\n".join([*lines, ""]))
     assert len(logged) + state.unreadable == len(lines)
+    is_placed = re.match(rf"{re.escape(str(path))}:\d+: no frame", state.first_unreadable)
+    assert bool(is_placed) == bool(state.unreadable)
     assert is_changed or {*frames(logged)} <= {*FRAMES}
 
 

@@ -1,6 +1,5 @@
 """The file of a dialect: each mistake is one line with file, key and what is allowed."""
 
-import shutil
 from pathlib import Path
 
 import pytest
@@ -16,25 +15,15 @@ CAR = Path(__file__).with_name("my_car.toml")
 DBC = CAR.with_suffix(".dbc")
 
 
-def changed(folder: Path, old: str, new: str) -> Path:
-    """Return a copy of the car's file in which one text differs."""
-    text = CAR.read_text(encoding="utf-8")
-    assert old in text
-    shutil.copy(DBC, folder)
-    file = folder / CAR.name
-    file.write_text(text.replace(old, new, 1), encoding="utf-8")
-    return file
-
-
-def test_a_whole_car_is_read() -> None:
-    dialect = read_dialect(CAR)
-    assert [one.name for one in dialect.messages] == [
-        "STEER_REQUEST",
-        "STEER_ANGLE",
-        "MOTION",
-        "LANE",
-    ]
-    assert dialect.carried == set(Quantity) - {Quantity.APPLYING}
+def changed(folder: Path, *changes: tuple[str, str]) -> Path:
+    """Return a copy of the car's file, next to its database, in which texts of either differ."""
+    texts = {file: file.read_text(encoding="utf-8") for file in (CAR, DBC)}
+    for old, new in changes:
+        file = next(file for file, text in texts.items() if old in text)
+        texts[file] = texts[file].replace(old, new, 1 if file is CAR else -1)
+    for file, text in texts.items():
+        (folder / file.name).write_text(text, encoding="utf-8")
+    return folder / CAR.name
 
 
 MISTAKES = {
@@ -112,76 +101,58 @@ MISTAKES = {
         'ANGLE_REQUEST = { carries = "engaged"',
         "messages: no signal carries steer_rad, so no one can steer",
     ),
+    "a scale of zero": (
+        "(0.1,0) [-3000|3000]",
+        "(0,0) [-3000|3000]",
+        "messages.STEER_ANGLE.signals.HAND_WHEEL_ANGLE: the database gives HAND_WHEEL_ANGLE the"
+        " scale 0",
+    ),
+    "a signal beyond its message": (
+        "ANGLE_CRC : 24|8",
+        "ANGLE_CRC : 25|8",
+        "messages.STEER_ANGLE: signal ANGLE_CRC ends beyond its 4 bytes",
+    ),
+    "signals that overlap": (
+        "ANGLE_COUNTER : 16|4@1+",
+        "ANGLE_COUNTER : 17|4@0+",
+        "messages.STEER_ANGLE.checksum.signal: ANGLE_CRC has bits of counter",
+    ),
+    "a multiplexer that the file does not name, in a signal's bits": (
+        "SG_ GEAR :",
+        'SG_ KIND M : 30|2@1+ (1,0) [0|0] "" CONTROLLER\n SG_ GEAR m0 :',
+        "messages.MOTION.signals.YAW_RATE: YAW_RATE has bits of multiplexer KIND",
+    ),
+    "a multiplexer that carries something": (
+        "SG_ YAW_RATE :",
+        "SG_ YAW_RATE M :",
+        "messages.MOTION.signals.YAW_RATE: YAW_RATE is a multiplexer, which only a constant sets",
+    ),
+    "a length that no frame has": (
+        "STEER_ANGLE: 4 ",
+        "STEER_ANGLE: 65 ",
+        "messages.STEER_ANGLE: 65 bytes do not fit into a frame (allowed: up to 64)",
+    ),
+    "two messages with an identifier": (
+        "513 ",
+        "512 ",
+        "messages.MOTION: has the identifier 0x200 of STEER_ANGLE",
+    ),
 }
 
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_is_one_line(name: str, tmp_path: Path) -> None:
     old, new, said = MISTAKES[name]
-    file = changed(tmp_path, old, new)
+    file = changed(tmp_path, (old, new))
     with pytest.raises(SettingsError) as refused:
         read_dialect(file)
     assert refused.value.mistakes == (f"{file}: {said}",)
 
 
-DATABASES = {
-    "a scale of zero": (
-        "(0.1,0) [-3000|3000]",
-        "(0,0) [-3000|3000]",
-        "STEER_ANGLE.signals.HAND_WHEEL_ANGLE: the database gives HAND_WHEEL_ANGLE the scale 0",
-    ),
-    "a signal beyond its message": (
-        "ANGLE_CRC : 24|8",
-        "ANGLE_CRC : 25|8",
-        "STEER_ANGLE: signal ANGLE_CRC ends beyond its 4 bytes",
-    ),
-    "signals that overlap": (
-        "ANGLE_COUNTER : 16|4@1+",
-        "ANGLE_COUNTER : 17|4@0+",
-        "STEER_ANGLE.checksum.signal: ANGLE_CRC has bits of counter",
-    ),
-    "a multiplexer that the file does not name, in a signal's bits": (
-        "SG_ GEAR :",
-        'SG_ KIND M : 30|2@1+ (1,0) [0|0] "" CONTROLLER\n SG_ GEAR m0 :',
-        "MOTION.signals.YAW_RATE: YAW_RATE has bits of multiplexer KIND",
-    ),
-    "a multiplexer that carries something": (
-        "SG_ YAW_RATE :",
-        "SG_ YAW_RATE M :",
-        "MOTION.signals.YAW_RATE: YAW_RATE is a multiplexer, which only a constant sets",
-    ),
-    "a length that no frame has": (
-        "STEER_ANGLE: 4 ",
-        "STEER_ANGLE: 65 ",
-        "STEER_ANGLE: 65 bytes do not fit into a frame (allowed: up to 64)",
-    ),
-    "two messages with an identifier": (
-        "513 ",
-        "512 ",
-        "MOTION: has the identifier 0x200 of STEER_ANGLE",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", DATABASES)
-def test_what_the_database_makes_impossible_is_one_line(name: str, tmp_path: Path) -> None:
-    old, new, said = DATABASES[name]
-    file = changed(tmp_path, "dbc", "dbc")
-    text = DBC.read_text(encoding="utf-8")
-    assert old in text
-    (tmp_path / DBC.name).write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(SettingsError) as refused:
-        read_dialect(file)
-    assert refused.value.mistakes == (f"{file}: messages.{said}",)
-
-
 @pytest.mark.parametrize("sign", ["+", "-"])
 def test_counter_and_checksum_use_all_their_bits(sign: str, tmp_path: Path) -> None:
-    file = changed(tmp_path, "dbc", "dbc")
-    text = DBC.read_text(encoding="utf-8")
-    for signal in ("ANGLE_COUNTER : 16|4@1", "ANGLE_CRC : 24|8@1"):
-        text = text.replace(f"{signal}+", f"{signal}{sign}")
-    (tmp_path / DBC.name).write_text(text, encoding="utf-8")
+    signals = ("ANGLE_COUNTER : 16|4@1", "ANGLE_CRC : 24|8@1")
+    file = changed(tmp_path, *((f"{signal}+", f"{signal}{sign}") for signal in signals))
     message = read_dialect(file).sent_by(End.PLANT)[0]
     frames = [message.frame({Quantity.WHEEL_ANGLE: 0.1}, number) for number in range(20)]
     assert [frame.data[2] for frame in frames] == [number % 16 for number in range(20)]
@@ -195,17 +166,14 @@ def test_counter_and_checksum_use_all_their_bits(sign: str, tmp_path: Path) -> N
 
 
 def test_signals_that_are_not_set_may_share_bits(tmp_path: Path) -> None:
-    file = changed(tmp_path, "dbc", "dbc")
     others = "".join(f'SG_ G{n} : {n}|9@1+ (1,0) [0|0] "" CONTROLLER\n ' for n in (24, 46, 48))
-    text = DBC.read_text(encoding="utf-8").replace("SG_ GEAR :", f"{others}SG_ GEAR :")
-    for name, content in ((DBC.name, text), ("own.dbc", DBC.read_text(encoding="utf-8"))):
-        (tmp_path / DBC.name).write_text(content, encoding="utf-8")
-        message = next(one for one in read_dialect(file).messages if one.name == "MOTION")
-        frame = message.frame(dict.fromkeys(Quantity, 0.9), 0)
-        if name == DBC.name:
-            overlapping, data = message, frame.data
-    assert frame.data == data
-    assert overlapping.read(data) == message.read(data)
+    file = changed(tmp_path, ("SG_ GEAR :", f"{others}SG_ GEAR :"))
+    overlapping, own = (
+        next(one for one in read_dialect(it).messages if one.name == "MOTION") for it in (file, CAR)
+    )
+    data = own.frame(dict.fromkeys(Quantity, 0.9), 0).data
+    assert overlapping.frame(dict.fromkeys(Quantity, 0.9), 0).data == data
+    assert overlapping.read(data) == own.read(data)
     assert overlapping.changeable == ["VEHICLE_SPEED", "YAW_RATE", "GEAR"]
 
 
@@ -213,10 +181,8 @@ def test_signals_that_are_not_set_may_share_bits(tmp_path: Path) -> None:
 def test_a_long_message_is_a_padded_frame_of_can_fd(
     length: int, padded: int, tmp_path: Path
 ) -> None:
-    file = changed(tmp_path, "dbc", "dbc")
-    text = DBC.read_text(encoding="utf-8").replace("STEER_ANGLE: 4 ", f"STEER_ANGLE: {length} ")
-    text = text.replace("ANGLE_CRC : 24|8", f"ANGLE_CRC : {8 * length - 8}|8")
-    (tmp_path / DBC.name).write_text(text, encoding="utf-8")
+    size = "STEER_ANGLE: 4 ", f"STEER_ANGLE: {length} "
+    file = changed(tmp_path, size, ("ANGLE_CRC : 24|8", f"ANGLE_CRC : {8 * length - 8}|8"))
     message = read_dialect(file).sent_by(End.PLANT)[0]
     assert message.flags == FD | BITRATE_SWITCH
     data = message.frame({Quantity.WHEEL_ANGLE: 0.1}, 3).data
@@ -232,18 +198,18 @@ def test_a_long_message_is_a_padded_frame_of_can_fd(
 
 
 def test_several_frames_of_j1939_are_refused(tmp_path: Path) -> None:
-    file = changed(tmp_path, "dbc", "dbc")
-    text = DBC.read_text(encoding="utf-8").replace("LANE: 8 ", "LANE: 9 ")
-    text += 'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
-    text += 'BA_ "VFrameFormat" BO_ 2566834944 3;\n'
-    (tmp_path / DBC.name).write_text(text, encoding="utf-8")
+    file = changed(tmp_path, ("LANE: 8 ", "LANE: 9 "))
+    with (tmp_path / DBC.name).open("a", encoding="utf-8") as dbc:
+        kinds = '"StandardCAN","ExtendedCAN","reserved","J1939PG"'
+        dbc.write(f'BA_DEF_ BO_ "VFrameFormat" ENUM {kinds};\n')
+        dbc.write('BA_ "VFrameFormat" BO_ 2566834944 3;\n')
     with pytest.raises(SettingsError, match=r"LANE: 9 bytes of J1939 are several frames"):
         read_dialect(file)
 
 
 @pytest.mark.parametrize("content", [None, "", "BO_ what"])
 def test_a_database_that_is_none_is_one_line(content: str | None, tmp_path: Path) -> None:
-    file = changed(tmp_path, "my_car.dbc", "other.dbc")
+    file = changed(tmp_path, ("my_car.dbc", "other.dbc"))
     if content is not None:
         (tmp_path / "other.dbc").write_text(content, encoding="utf-8")
     with pytest.raises(SettingsError) as refused:

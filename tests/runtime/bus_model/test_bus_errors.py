@@ -1,12 +1,9 @@
 """Errors on the bus: what noise destroys, how long it takes, who counts what."""
 
-import random
-
 import pytest
 
-from steer_by_wire.runtime.bus_model.bit_noise import BusNoise
 from steer_by_wire.runtime.bus_model.bit_ticks import bit_ticks
-from steer_by_wire.runtime.bus_model.bus_errors import BusErrors
+from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, BusNoise
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.socketcan_error_frames import BIT_ERROR
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
@@ -102,20 +99,6 @@ def test_bus_off_loses_the_frames_and_ends_after_its_time() -> None:
     assert bus.next_event_ns == NEVER_NS
     bus.submit(FRAME, 0, off_ns + 128 * 11 * BIT_NS)
     assert bus.next_event_ns < NEVER_NS
-
-
-def test_a_bus_with_noise_of_rate_zero_is_the_bus_without() -> None:
-    quiet = BusErrors(BusNoise(0.0, BITRATE_BIT_S, 1).first_hit_ns)
-    buses = BusModel(BITRATE_BIT_S), BusModel(BITRATE_BIT_S, errors=quiet)
-    draw, now_ns, ends = random.Random(3), 0, ([], [])
-    for number in range(2000):
-        now_ns += draw.randrange(400_000)
-        frame = Frame(draw.randrange(0x800), number.to_bytes(4, "little"))
-        for bus, seen in zip(buses, ends, strict=True):
-            seen += bus.advance(now_ns)
-            bus.submit(frame, number % 3, now_ns)
-    assert ends[0] == ends[1]
-    assert buses[0].load == buses[1].load
 
 
 def test_noise_has_its_rate() -> None:

@@ -48,14 +48,6 @@ def test_a_frame_is_complete_after_its_own_bits() -> None:
     assert bus.next_event_ns == NEVER_NS
 
 
-def test_the_next_frame_starts_three_bits_after_the_last() -> None:
-    bus = BusModel(500_000)
-    bus.submit(classic(1), 0, 0)
-    bus.submit(classic(2), 0, 0)
-    first, second = drain(bus)
-    assert second[0] - first[0] == 3 * BIT_NS + on_wire_ns(classic(2))
-
-
 def test_a_frame_on_the_wire_is_not_interrupted() -> None:
     bus = BusModel(500_000)
     bus.submit(classic(0x700), 0, 0)
@@ -96,13 +88,6 @@ def test_the_dominant_arbitration_field_wins(winner: Frame, loser: Frame) -> Non
     bus.submit(loser, 0, 0)
     bus.submit(winner, 1, 0)
     assert [frame for _, _, frame in drain(bus)] == [winner, loser]
-
-
-def test_equal_identifiers_are_sent_in_the_order_they_were_submitted() -> None:
-    bus = BusModel(500_000)
-    for number in range(20):
-        bus.submit(Frame(0x100, bytes([number])), number % 2, 0)
-    assert [frame.data[0] for _, _, frame in drain(bus)] == list(range(20))
 
 
 def test_the_payload_goes_at_the_data_rate_with_bitrate_switch() -> None:

@@ -7,10 +7,9 @@ from contextlib import suppress
 
 import pytest
 
-from steer_by_wire.runtime.bus_model.bit_noise import BusNoise
-from steer_by_wire.runtime.bus_model.bus_errors import BusErrors
+from steer_by_wire.runtime.bus_model.bus_errors import BusErrors, BusNoise
 from steer_by_wire.runtime.bus_model.bus_model import BusModel, BusOverflowError
-from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, RestBus
+from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, Traffic
 from steer_by_wire.runtime.bus_model.socketcan_error_frames import BIT_ERROR
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.frame.arbitration import arbitration_field
@@ -83,7 +82,7 @@ def test_the_rest_bus_is_its_frames_submitted_one_by_one(
     fast_seen: Seen = []
     slow_seen: Seen = []
 
-    traffic = RestBus(sent, seed)
+    traffic = Traffic(sent, seed)
     fast = BusModel(BITRATE_BIT_S, None, 1, errors=errors_with(bit_error_rate), traffic=traffic)
     drive(fast, node_frames(2), lambda *seen: fast_seen.append(seen))
 

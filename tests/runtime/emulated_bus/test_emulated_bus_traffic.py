@@ -12,9 +12,10 @@ import pytest
 
 from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import traffic_of
 from steer_by_wire.closed_loop.pair.virtual_bus import shared_bus
+from steer_by_wire.runtime.bus_model.rest_bus import Traffic
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.emulated_bus.broker_connection import Connection
-from steer_by_wire.runtime.emulated_bus.channel import Channel, Traffic
+from steer_by_wire.runtime.emulated_bus.channel import Channel
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_BYTES, Hello, pack_frame
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
@@ -68,9 +69,7 @@ def on_a_channel(
     got: dict[int, list[Frame]] = {number: [] for number in ends}
 
     def advance(now_ns: int) -> None:
-        for delivery in channel.advance(now_ns):
-            seen.append((delivery[0] - start_ns, *delivery[1:]))
-            channel.queue(delivery, delivery[0])
+        seen.extend((end - start_ns, *rest) for end, *rest in channel.deliver(now_ns))
         for number, client in clients.items():
             client.flush()
             got[number] += received(ends[number][1])

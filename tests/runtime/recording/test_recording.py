@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame.message import frame_of
 from steer_by_wire.runtime.node.real_time_loop import Received
@@ -21,7 +20,6 @@ from steer_by_wire.runtime.recording.recorder import (
 from tests.support.frames.recorded_frames import FRAMES, messages_in
 
 PERIOD_NS = 10_000_000
-TEXT = (".log", ".asc")
 
 
 def record(path: Path, frames: list[Frame] | tuple[Frame, ...]) -> RecordingFigures:
@@ -137,29 +135,3 @@ def test_a_full_disk_is_reported_at_once_and_the_frames_are_counted(tmp_path: Pa
     assert told == ["No space left on device"]
     figures = recording.close()
     assert figures == (str(path), 0, taken + 2, "No space left on device")
-
-
-@pytest.mark.parametrize("suffix", TEXT)
-def test_a_torn_last_line_is_no_frame(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"run{suffix}"
-    frames = [Frame(0x100, bytes([n] * 8)) for n in range(5)]
-    record(path, frames)
-    # From the last frame's line on: a killed writer has written no footer either.
-    whole = path.read_bytes()
-    lines = whole.splitlines(keepends=True)
-    last = max(n for n, line in enumerate(lines) if is_line_of(frames[-1], line))
-    begin = sum(map(len, lines[:last]))
-    for length in range(len(lines[last].rstrip(b"\r\n")) + 1):
-        path.write_bytes(whole[: begin + length])
-        log = open_log(path)
-        assert [logged.frame for logged in log] == frames[:-1]
-        is_torn = bool(lines[last][:length].strip())  # the blanks before it say nothing
-        assert log.unreadable == is_torn
-        assert not is_torn or "the last line has no end" in log.first_unreadable
-        assert bool(log.cut_off) == is_torn
-
-
-def is_line_of(frame: Frame, line: bytes) -> bool:
-    """Whether a line of some format holds the frame's payload."""
-    spelled = {frame.data.hex(), frame.data.hex(" ")}
-    return any(text.encode() in line.lower() or text.encode() in line for text in spelled)

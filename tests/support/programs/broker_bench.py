@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.runtime.bus_model.rest_bus import NO_TRAFFIC, Traffic
 from steer_by_wire.runtime.emulated_bus.address import listening
 from steer_by_wire.runtime.emulated_bus.broker import Broker
 from steer_by_wire.runtime.emulated_bus.broker_connection import Cause
-from steer_by_wire.runtime.emulated_bus.channel import NO_TRAFFIC, Traffic
 from steer_by_wire.runtime.emulated_bus.protocol import (
     ANSWER,
     CLASSIC_BYTES,

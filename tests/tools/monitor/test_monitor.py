@@ -71,17 +71,6 @@ def test_a_watch_has_the_newest_of_every_signal(entries: list[Logged]) -> None:
     assert watch.frames_per_s(now_ns) == pytest.approx(len(entries) / 20.0, rel=0.1)
 
 
-def test_a_watch_has_the_round_trip_of_the_last_seconds(entries: list[Logged]) -> None:
-    watch, now_ns = watched(entries)
-    trip = watch.round_trips.spread(now_ns)
-    assert trip is not None
-    assert 0.098 < trip.p50_s <= trip.p99_s <= trip.max_s < 0.112
-    commands = next(row for row in watch.messages(now_ns) if row.name == "STEERING_COMMAND")
-    assert commands.cycle is not None
-    assert commands.cycle.p50_s == pytest.approx(0.01, abs=1e-4)
-    assert (commands.missing, commands.late, commands.refused) == (0, 0, 0)
-
-
 def test_a_watch_counts_what_is_refused_by_cause(entries: list[Logged]) -> None:
     watch, now_ns = watched(entries)
     good = encode(error_of(), 0)
