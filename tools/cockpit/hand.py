@@ -35,7 +35,7 @@ from ...hand_wheel.settings import HandWheelSettings
 from ...hand_wheel.wheel import GRIPS
 from ...hand_wheel.wheel_step import Hands
 from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_MS
+from ...runtime.node import NEVER_NS, NS_PER_MS
 from ...runtime.node.end import End
 from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.node.real_time_loop import RealTimeExecutor
@@ -158,14 +158,13 @@ class Seat:
 
     def __init__(self, node: Any, hand: HandFile, start_ns: int, *, pedals: bool) -> None:
         self._node, self._hand, self._wheel = node, hand, ""
-        self._speeds = PeriodicTimer(start_ns, _SPEED_PERIOD_NS) if pedals else None
+        self._speeds = PeriodicTimer(start_ns if pedals else NEVER_NS, _SPEED_PERIOD_NS)
         self._requests = Sender(SpeedRequest)
 
     @property
     def deadline_ns(self) -> int:
         """When the next frame is due."""
-        due_ns: int = self._node.deadline_ns
-        return due_ns if self._speeds is None else min(due_ns, self._speeds.deadline_ns)
+        return min(int(self._node.deadline_ns), self._speeds.deadline_ns)
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Pass a frame on."""
@@ -179,7 +178,7 @@ class Seat:
             self._wheel = orders.wheel
             self._node.feel(HAND_WHEELS[orders.wheel])
         frames = []
-        if self._speeds is not None and self._speeds.deadline_ns <= now_ns:
+        if self._speeds.deadline_ns <= now_ns:
             self._speeds.advance(now_ns)
             frames.append(self._requests.frame(SpeedRequest(speed_max_m_s=orders.speed_m_s)))
         if self._node.deadline_ns <= now_ns:

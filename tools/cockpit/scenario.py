@@ -179,7 +179,6 @@ def choices() -> Mapping[str, Any]:
     return {
         "controllers": [HAND, *HAND_WHEELS, *preset_names(CONTROLLER_PRESETS)],
         "grips": list(GRIPS),
-        "wheels": list(HAND_WHEELS),
         "cars": CARS,
         "plants": preset_names(PLANT_PRESETS),
         "paths": list(PATHS),

@@ -10,6 +10,7 @@ const SIGNAL_STYLES = {
   wheel_angle_rad: ["applied", []],
   cg_deviation_m: ["second", [5, 3]],
   uplink_s: ["second", [5, 3]],
+  driver_torque_n_m: ["wanted", [5, 3]],
 };
 const STEP_PIXELS = 2; // to draw them again for less would show nothing more
 const FONT = "11px system-ui, sans-serif";
