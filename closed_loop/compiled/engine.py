@@ -211,7 +211,9 @@ def _run_whole(
     design, motion = law.design, compiled_motion(plant)
     inbox = inbox_of(plant, controller, schedule) if design.reads_history else None
     instants, received = schedule.instants, schedule.measurements
-    records = empty_records(len(instants.sample_ns), instants.ticks.shape[1])
+    records = empty_records(
+        len(instants.sample_ns), instants.ticks.shape[1], has_dead_time=motion.dead_time_ns > 0
+    )
     if knows_status:
         instants = instants._replace(in_use=received.status_in_use)
     elif plant.car is not None or design.looks_back:

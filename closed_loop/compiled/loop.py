@@ -127,6 +127,35 @@ _nothing_known, _rings = chosen_by_type(_KNOWN.get), chosen_by_type(_RINGS.get)
 """(inbox): returns the knowledge at the start, and the history that laws read."""
 
 
+# For a record without waiting commands these tests are decided when compiling.
+@register_jitable(**INLINE)
+def _has_waited(waiting: Any, waited: tuple[int, int, int]) -> bool:
+    """Whether a command is due in the motion; ``waited``: next, after the last, up to when [ns]."""
+    if waiting is None:
+        return False
+    acting, given, to_ns = waited
+    return bool(acting < given and waiting.due_ns[np.uintp(acting & _NEWEST)] <= to_ns)
+
+
+@register_jitable(**INLINE)
+def _waiting_at(waiting: Any, acting: int) -> tuple[int, float]:
+    """Return when a command is due, and its steer."""
+    if waiting is None:
+        return 0, 0.0
+    turn = np.uintp(acting & _NEWEST)
+    return waiting.due_ns[turn], waiting.steer_rad[turn]
+
+
+@register_jitable(**INLINE)
+def _waits(waiting: Any, given: int, due_ns: int, steer_rad: float) -> bool:
+    """Let a command wait, where the actuator has a dead time; returns whether it does."""
+    if waiting is None:
+        return False
+    turn = np.uintp(given & _NEWEST)
+    waiting.due_ns[turn], waiting.steer_rad[turn] = due_ns, steer_rad
+    return True
+
+
 @register_jitable(**INLINE)
 def _plant_until(
     p: Any,
@@ -156,19 +185,21 @@ def _plant_until(
     ) = x
     outcome = COMPLETE
     while outcome == COMPLETE:
-        command_ns = sample_ns = waiting_ns = to_ns + 1
+        command_ns = sample_ns = to_ns + 1
         # An unsigned index needs no test for negative values, which would cost a twentieth.
         of, at = np.uintp(command), np.uintp(sample)
         if command < s.commands.shape[1] and s.commands[SENT_AT, of] < ticks_done:
             command_ns = s.commands[DUE_NS, of]
         if sample < len(s.sample_ns):
             sample_ns = s.sample_ns[at]
-        if acting < given:
-            waiting_ns = c.motion_start_ns + r.waiting_ns[np.uintp(acting & _NEWEST)]
         guard_ns = c.motion_start_ns + guard.deadline_ns
         wheel_ns = to_ns + 1 if wheel is None else next_ns(wheel, hands, ticks_done, to_ns)
-        is_idle = command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns
-        if is_idle and waiting_ns > to_ns and (wheel is None or wheel_ns > to_ns):
+        first_ns = min(command_ns, sample_ns, guard_ns)
+        if wheel is not None:
+            first_ns = min(first_ns, wheel_ns)
+        waited = acting, given, min(first_ns, to_ns) - c.motion_start_ns
+        has_waited = _has_waited(r.waiting, waited)
+        if first_ns > to_ns and not has_waited:
             break
         turns = turns_wheel = False
         if wheel is not None and wheel_ns <= to_ns:
@@ -178,11 +209,9 @@ def _plant_until(
         arrives = command_ns <= sample_ns and command_ns <= guard_ns and not turns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
         has_moved, is_sample, steers, acts, steer_rad = True, False, False, False, 0.0
-        is_first = waiting_ns <= command_ns and waiting_ns <= sample_ns and waiting_ns <= guard_ns
-        if is_first and (wheel is None or waiting_ns <= wheel_ns):
-            turn = np.uintp(acting & _NEWEST)
-            motion_ns, steer_rad, acts = r.waiting_ns[turn], r.waiting_rad[turn], True
-            acting += 1
+        if has_waited:
+            motion_ns, steer_rad = _waiting_at(r.waiting, acting)
+            acts, acting = True, acting + 1
         elif wheel is not None and turns and not turns_wheel:
             motion_ns, has_moved = wheel_ns - c.motion_start_ns, reads_force(wheel, hands)
             if has_moved:
@@ -239,11 +268,9 @@ def _plant_until(
         if steers:
             if c.stop_m_s2 > 0.0:
                 z = brake_motion(p, z, c.stop_m_s2 if guard.mode >= _FALLBACK else 0.0)
-            acts, steer_rad = p.dead_time_ns == 0, guard.limiter.steer_rad
-            if not acts:
-                turn = np.uintp(given & _NEWEST)
-                r.waiting_ns[turn], r.waiting_rad[turn] = motion_ns + p.dead_time_ns, steer_rad
-                given += 1
+            steer_rad = guard.limiter.steer_rad
+            acts = not _waits(r.waiting, given, motion_ns + p.dead_time_ns, steer_rad)
+            given += 1
         if acts:
             z = command_motion(p, z, steer_rad)
         if is_sample:

@@ -77,6 +77,13 @@ ERROR, HEADING, YAW_RATE, WHEEL, CURVATURE, ARC_LENGTH, SPEED, MEASURED, OVERRUL
 SENT, LAW_OUTPUT = 0, 1
 
 
+class Waiting(NamedTuple):
+    """Rings of WAITING: when each command is due in the motion, and its steer."""
+
+    due_ns: IntArray
+    steer_rad: FloatArray
+
+
 class Records(NamedTuple):
     """The records of a run: few arrays, because every function that gets them takes them apart.
 
@@ -86,23 +93,21 @@ class Records(NamedTuple):
     ``command``     index into the schedule's commands of the one in effect at each sample, -1
                     before the first
     ``ticks``       (5, ticks): the command sent, and from row LAW_OUTPUT on ``LawOutput``
-    ``waiting_ns``, ``waiting_rad``  rings of WAITING: commands that wait for the actuator's dead
-                    time, and when each is due in the motion
+    ``waiting``     commands that wait for the actuator's dead time; None without one
     """
 
     samples: FloatArray
     command: IntArray
     ticks: FloatArray
-    waiting_ns: IntArray
-    waiting_rad: FloatArray
+    waiting: Waiting | None
 
 
-def empty_records(samples: int, ticks: int) -> Records:
+def empty_records(samples: int, ticks: int, *, has_dead_time: bool) -> Records:
     """Return empty records: errors and commands are NaN at first, the others uninitialised."""
     of_samples, of_ticks = np.empty((9, samples)), np.empty((5, ticks))
     of_samples[ERROR] = of_samples[OVERRULED] = of_ticks[SENT] = np.nan
-    command, waiting_ns = np.empty(samples, np.int64), np.empty(WAITING, np.int64)
-    return Records(of_samples, command, of_ticks, waiting_ns, np.empty(WAITING))
+    waiting = Waiting(np.empty(WAITING, np.int64), np.empty(WAITING)) if has_dead_time else None
+    return Records(of_samples, np.empty(samples, np.int64), of_ticks, waiting)
 
 
 ARRIVED_NS, MESSAGE, OF_SAMPLE = range(3)
