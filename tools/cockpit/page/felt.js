@@ -6,6 +6,7 @@ const CYCLES_MS = [1, 5, 10, 20];
 const WHEELS = { hand_wheel: "plain", hand_wheel_damped: "now with damping", hand_wheel_cdob: "now with the CDOB" };
 const DELAY_MS_MAX = 200, ROAD_MIN = 30;
 const JUDGED_S = 6; // of motion: who turned the wheel in it shook it himself
+const SURE_S = 4; // of shaking: a bump that dies away looks like it for half of that window
 const SLOW = 0.05; // share of the newest torque in its mean; what is faster is felt as vibration
 const FULL_N_M = 3; // of vibration
 
@@ -28,7 +29,7 @@ export class Felt {
   build(scenario, lane, isOn, isNew) {
     this.box.hidden = this.line.hidden = !isOn;
     this.lane = lane;
-    this.sinceS = this.stillS = null;
+    this.saidS = this.sinceS = this.stillS = null;
     this.shakenS = this.movedS = this.position = 0;
     if (!isOn) return;
     this.choice.hidden = scenario.controllers.length > 1;
@@ -79,7 +80,8 @@ export class Felt {
     const texts = (this.app.status?.lanes ?? []).map(({ hand_wheel }) => hand_wheel);
     if (!texts[this.lane]) return setText(this.line, "");
     const isJudged = this.grip === "hands_off" || nowS - this.movedS > JUDGED_S;
-    const isShaking = isJudged && texts[this.lane].startsWith("shakes");
+    this.saidS = isJudged && texts[this.lane].startsWith("shakes") ? (this.saidS ?? nowS) : null;
+    const isShaking = this.saidS !== null && nowS - this.saidS > SURE_S;
     this.line.className = isShaking ? "bad" : "";
     if (isShaking) this.shakenS += elapsedS;
     setText(this.line, isJudged ? this.verdict(isShaking, nowS, texts) : "You turn the wheel: hold it still to see whether it shakes");
@@ -89,7 +91,7 @@ export class Felt {
     if (texts.length > 1) return texts.map((text, lane) => `${this.app.head.lanes[lane].label}: ${text}`).join(" · ");
     const where = `at ${this.delay.input.value} ms each way, ${WHEELS[this.chosen].replace("now ", "")}`;
     if (isShaking) {
-      this.sinceS ??= nowS;
+      this.sinceS ??= this.saidS;
       this.stillS = null;
       return `The wheel ${texts[0].replace("shakes", "has begun to shake")}, ${where}: since ${Math.floor(this.sinceS)} s`;
     }
