@@ -109,13 +109,12 @@ def loop_response(
     Raises ValueError for a loop that has none: of a law that is not linear or looks back, of two
     rates, or without [nominal_model].
     """
-    design = _analysed_law(settings)
-    if settings.model is None or design.looking_back is not None or _has_two_rates(settings):
+    loop = None if settings.model is None else loop_around(settings, settings.model)
+    if not isinstance(loop, SampledLoop):
         raise ValueError(
             f"law {settings.law}: a loop has one frequency response only if [nominal_model] is"
             " given, the law does not look back, and measurements come as often as commands"
         )
-    loop = SampledLoop(design, settings.model, settings.period_ns)
     return loop.responder(round(delay_s * NS_PER_S))(omega_rad_s)
 
 

@@ -35,17 +35,11 @@ NUMBER_UNITS = {
 }
 
 
-class RmsByDelay(NamedTuple):
-    """RMS of the car's deviation on the worst path; ``rms_m`` of shape (corners, delays)."""
-
-    delays_ns: tuple[int, ...]
-    rms_m: FloatArray
-
-
 class Design(NamedTuple):
     """A law that meets all demands.
 
-    ``rms``               over all delays at which every corner is stable
+    ``rms_m``             of the car on the worst path, shape (corners, delays), at all of
+    ``rms_delays_ns``     which every corner is stable
     ``rms_held_up_to_ns``  up to which delay the RMS keeps its limit; None where it has none
     ``settings``          without the set point that puts the car on the path; ``preset`` has it
     ``jitter_rms_m``      worst corner and path of each jitter of the specification, virtual time
@@ -55,7 +49,8 @@ class Design(NamedTuple):
     settings: ControllerSettings
     preset: ControllerSettings
     found: Found
-    rms: RmsByDelay
+    rms_m: FloatArray
+    rms_delays_ns: tuple[int, ...]
     rms_held_up_to_ns: int | None
     jitter_rms_m: tuple[float, ...]
 
@@ -71,7 +66,11 @@ def describe(study: Study, found: Found) -> Design:
     """Return everything about a law that has been found."""
     spec, vehicle, law = study.spec, study.vehicle, found.law
     settings = controller_settings(spec, vehicle, law, found.values)
-    by_delay = rms_by_delay(study, settings, found)
+    last_ns = spec.delays_ns[-1]
+    if found.confirmation is not None:
+        last_ns = max(last_ns, found.confirmation.stable_up_to_ns)
+    delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
+    by_delay_m = rms_m(course_grid(spec, vehicle, delays_ns), design_law(settings)).max(axis=0)
     asked = plants(spec, vehicle, map(jittered, spec.jitter))
     preset = with_set_point(spec, settings)
     jitter_m = np.array([drive(spec, plant, preset).rms_m for plant in asked])
@@ -81,21 +80,11 @@ def describe(study: Study, found: Found) -> Design:
         settings,
         preset,
         found,
-        by_delay,
-        _held_up_to_ns(by_delay, spec.rms_m_max_of(law)),
+        by_delay_m,
+        delays_ns,
+        _held_up_to_ns(delays_ns, by_delay_m, spec.rms_m_max_of(law)),
         tuple(float(value) for value in worst_m[: len(spec.jitter)]),
     )
-
-
-def rms_by_delay(study: Study, settings: ControllerSettings, found: Found) -> RmsByDelay:
-    """Return the RMS at every delay of the range, and beyond it as long as all is stable."""
-    spec = study.spec
-    last_ns = spec.delays_ns[-1]
-    if found.confirmation is not None:
-        last_ns = max(last_ns, found.confirmation.stable_up_to_ns)
-    delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
-    grid = course_grid(spec, study.vehicle, delays_ns)
-    return RmsByDelay(delays_ns, rms_m(grid, design_law(settings)).max(axis=0))
 
 
 def verify(spec: Specification, vehicle: VehicleFile, design: Design) -> tuple[bool, str]:
@@ -108,8 +97,8 @@ def verify(spec: Specification, vehicle: VehicleFile, design: Design) -> tuple[b
     driven = [drive(spec, plant, design.preset) for plant in asked]
     shape = (len(spec.course.paths), len(vehicle.box.vertices()), len(spec.delays_ns))
     rms_m = np.array([run.rms_m for run in driven]).reshape(shape).max(axis=0)
-    columns = [design.rms.delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]
-    deviation = float(np.abs(rms_m / design.rms.rms_m[:, columns] - 1.0).max())
+    columns = [design.rms_delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]
+    deviation = float(np.abs(rms_m / design.rms_m[:, columns] - 1.0).max())
     worst_m, steer_rad = float(rms_m.max()), max(run.steer_rad for run in driven)
     largest_m = spec.rms_m_max_of(design.law)
     held = largest_m is None or worst_m <= largest_m
@@ -124,13 +113,15 @@ def verify(spec: Specification, vehicle: VehicleFile, design: Design) -> tuple[b
     )
 
 
-def _held_up_to_ns(by_delay: RmsByDelay, largest_m: float | None) -> int | None:
+def _held_up_to_ns(
+    delays_ns: tuple[int, ...], by_delay_m: FloatArray, largest_m: float | None
+) -> int | None:
     """Return the last delay before the first at which the RMS is above its limit [ns]."""
     if largest_m is None:
         return None
-    beyond = np.flatnonzero(by_delay.rms_m.max(axis=0) > largest_m)
-    last = int(beyond[0]) - 1 if len(beyond) else len(by_delay.delays_ns) - 1
-    return by_delay.delays_ns[last] if last >= 0 else -1
+    beyond = np.flatnonzero(by_delay_m.max(axis=0) > largest_m)
+    last = int(beyond[0]) - 1 if len(beyond) else len(delays_ns) - 1
+    return delays_ns[last] if last >= 0 else -1
 
 
 def nearest(found: Found) -> str:

@@ -177,8 +177,8 @@ def path_in_words(path: PathSettings) -> str:
 
 def measured(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
     """Yield a heading and a figure of what a law reaches, line by line."""
-    worst_m = design.rms.rms_m.max(axis=0)
-    last = design.rms.delays_ns.index(spec.delays_ns[-1])
+    worst_m = design.rms_m.max(axis=0)
+    last = design.rms_delays_ns.index(spec.delays_ns[-1])
     rms = f"{worst_m[0]:.4f} m at 0 ms, {worst_m[last]:.4f} m at {spec.delay.ms_max:g} ms"
     yield "RMS error", f"{rms}, from {spec.ignore_s:g} s on"
     if design.rms_held_up_to_ns is not None:
@@ -219,12 +219,12 @@ def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Fi
     """Draw the RMS over the delay, a curve for each corner."""
     figure = Figure(figsize=(8.0, 4.8))
     axes = figure.subplots()
-    delay_ms = np.array(design.rms.delays_ns) / NS_PER_MS
-    for line, label, rms_m in zip(LINES(), _labels(vehicle), design.rms.rms_m, strict=False):
+    delay_ms = np.array(design.rms_delays_ns) / NS_PER_MS
+    for line, label, rms_m in zip(LINES(), _labels(vehicle), design.rms_m, strict=False):
         axes.plot(delay_ms, 1e3 * rms_m, **line, label=label)
     largest_m = spec.rms_m_max_of(design.law)
     inside = delay_ms <= spec.delay.ms_max
-    highest_mm = 1e3 * max(float(design.rms.rms_m[:, inside].max()), largest_m or 0.0)
+    highest_mm = 1e3 * max(float(design.rms_m[:, inside].max()), largest_m or 0.0)
     if largest_m is not None:
         axes.axhline(1e3 * largest_m, color="black", lw=0.9, ls="--", label="limit")
     axes.axvspan(0.0, spec.delay.ms_max, color="0.93", zorder=0.0)

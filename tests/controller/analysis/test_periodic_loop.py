@@ -168,7 +168,7 @@ def test_the_check_of_the_predictor_reports_what_its_fallback_survives(
     margins_ms = []
     for gain in ("2.0", "3.0"):
         overrides = (*PREDICTOR, "rate_hz=50", f"pd.proportional_gain_rad_m={gain}")
-        settings = controller(*overrides)
+        settings = controller(*overrides, "followed_point=centre_of_gravity")
         alone = controller(*overrides, "law=pd_ddob")
         assert alone.model is not None
         loop = SampledLoop(design_law(alone), alone.model, alone.period_ns)

@@ -129,17 +129,20 @@ def test_a_plant_s_response_is_its_impulse_response_summed(delay_ns: int, lag_s:
     ("law", "where"),
     combined(
         [*PAPER_LAWS, "pid_heading"],
-        [(0, ELLIPSE, 0), (3, ELLIPSE, 250 * MS_NS), (2, LANE_CHANGE, 123_456_789)],
+        [
+            *((0, ELLIPSE, 0, 0.0), (3, ELLIPSE, 250 * MS_NS, 0.0)),
+            *((2, LANE_CHANGE, 123_456_789, 0.0), (3, ELLIPSE, 100 * MS_NS, 0.1)),
+        ],
     ),
 )
 def test_the_error_over_time_is_that_of_a_run_without_limits(
-    law: str, where: tuple[int, PathSettings, int]
+    law: str, where: tuple[int, PathSettings, int, float]
 ) -> None:
-    corner, path, delay_ns = where
-    result = drive(law, CORNERS[corner], path, delay_ns)
+    corner, path, delay_ns, lag_s = where
+    result = drive(law, CORNERS[corner], path, delay_ns, lag_s)
     run_m = result.trace.lateral_error_m
     grid = tracking_grid(
-        [MODELS[corner]],
+        [behind_lag(MODELS[corner], lag_s)],
         unsteered(path, CORNERS[corner], len(run_m) + 1)[:, None, None],
         [delay_ns],
         PERIOD_NS,
@@ -153,19 +156,6 @@ def test_the_error_over_time_is_that_of_a_run_without_limits(
     assert figures.rms_m[0, 0, 0] == rms_m(grid, design)[0, 0, 0]
     peak_rad = result.controller["node"]["peak_steer_rad"]
     assert figures.steer_rad[0, 0, 0] == pytest.approx(peak_rad, abs=2e-4)
-
-
-def test_an_actuator_lag_is_a_part_of_the_plant() -> None:
-    corner, delay_ns, lag_s = CORNERS[3], 100 * MS_NS, 0.1
-    run_m = drive("pd_ddob", corner, ELLIPSE, delay_ns, lag_s).trace.lateral_error_m
-    grid = tracking_grid(
-        [behind_lag(MODELS[3], lag_s)],
-        unsteered(ELLIPSE, corner, len(run_m) + 1)[:, None, None],
-        [delay_ns],
-        PERIOD_NS,
-    )
-    linear_m = deviation_m(grid, design_law(preset("pd_ddob")))[0, 0, 0, 1:]
-    assert np.abs(linear_m - run_m).max() < 3e-5
 
 
 @pytest.mark.parametrize(("follows_car", "apart_m"), [(False, 1.5e-4), (True, 3e-4)])
