@@ -17,7 +17,6 @@ from steer_by_wire.controller.laws.law_from_settings import design_law, vehicle_
 from steer_by_wire.controller.laws.settings import LawSettings
 from steer_by_wire.controller.settings import PRESETS, controller_preset
 from steer_by_wire.runtime.settings import preset_names
-from tests.support.suite.combinations import sampled
 
 MS = 1_000_000
 INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
@@ -45,30 +44,6 @@ def test_a_gain_that_decides_anew_on_a_held_measurement_is_the_loop_of_the_senso
 HEADING = "pid.heading_gain_rad_rad=0.5"
 PREVIEW = "followed_point=preview"
 """A set point reads more than the lateral error: the analysis leaves it out."""
-
-
-@pytest.mark.parametrize(
-    ("preset", "overrides"),
-    sampled(
-        [("practical_pd_ddob", ()), ("practical_pid", (HEADING,))],
-        [
-            *(("practical_pd", ()), ("practical_pd_ddob", ()), ("practical_smith", ())),
-            ("practical_pid", (HEADING,)),
-        ],
-    ),
-)
-def test_with_a_measurement_at_every_tick_it_is_the_loop_of_one_rate(
-    preset: str, overrides: tuple[str, ...]
-) -> None:
-    settings = controller_preset(preset, (PREVIEW, *overrides))
-    assert settings.model is not None
-    design, vehicle = design_law(settings), vehicle_of(settings).vehicle
-    for sensor_ms in (10, 5):
-        rates = LoopDelayParams(10 * MS, sensor_ms * MS, 50.0)
-        found = stable_delays(PeriodicLoop(design, rates, LoopModel(vehicle)))
-        (one,) = stable_delays(SampledLoop(design, settings.model, 10 * MS))
-        assert [each.first_ns for each in found] == [0]
-        assert found[0].last_ns == pytest.approx(one.last_ns, abs=20_000)
 
 
 def test_a_heading_gain_is_analysed_at_both_rates_and_only_where_the_model_has_a_heading() -> None:

@@ -247,7 +247,7 @@ def test_the_count_of_slow_poles_is_that_of_the_eigenvalues(
                 assert count == np.count_nonzero(decay < decay_1_s)
 
 
-@pytest.mark.parametrize("law", [*PAPER_LAWS, "pid_heading"])
+@pytest.mark.parametrize("law", [*PAPER_LAWS, "pid_heading", "smith"])
 @pytest.mark.parametrize("delay_ns", [0, 203 * MS_NS])
 def test_the_figures_of_a_loop_are_those_of_its_signals(law: str, delay_ns: int) -> None:
     design, rates = design_law(preset(law)), LoopDelayParams(PERIOD_NS, PERIOD_NS, 50.0)

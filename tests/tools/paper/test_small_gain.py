@@ -61,17 +61,6 @@ def test_a_delay_alone_is_the_uncertainty_of_27() -> None:
     )
 
 
-def test_at_rest_the_uncertainty_is_that_of_the_steady_gains() -> None:
-    """The gain of (4) for s towards 0 is V²/(l_f + l_r + K V²), that of (19) 3.627/3.329."""
-    for vehicle, plant in zip(paper_box().vertices(), VERTICES, strict=True):
-        m, _, c_f, c_r, l_f, l_r, _, v = vehicle
-        wheelbase = l_f + l_r
-        understeer = m * (l_r * c_r - l_f * c_f) / (wheelbase * c_f * c_r)
-        expected = v**2 / (wheelbase + understeer * v**2) / (3.627e4 / 3.329e4) - 1.0
-        found = multiplicative_uncertainty(plant, paper_eq19(), np.array([1e-5]))[0]
-        assert found == pytest.approx(expected, abs=1e-5)
-
-
 # (23)
 
 
