@@ -8,7 +8,6 @@ from typing import Generic, NamedTuple, TypeVar
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
-from ...hand_wheel.node import HandWheelNode
 from ...plant_emulator.evaluation.run_record import SAMPLES_MAX
 from ...plant_emulator.faults.messages_on_bus import messages_in
 from ...plant_emulator.faults.stage import with_faults
@@ -44,7 +43,7 @@ class VirtualPair(NamedTuple, Generic[N]):
     edge: ReportingNode
     controller: N
     controller_edge: ReportingNode
-    hand_wheel: HandWheelNode | None = None
+    hand_wheel: ReportingNode | None = None
 
     def run(
         self,
@@ -81,7 +80,7 @@ def make_virtual_pair(
     controller_samples_max: int = 0,
     *,
     language: BusLanguage = OUR_LANGUAGE,
-    hand_wheel: HandWheelNode | None = None,
+    hand_wheel: ReportingNode | None = None,
 ) -> VirtualPair[ControllerNode]:
     """Make both nodes of the settings, not yet run.
 
@@ -97,7 +96,7 @@ def pair_with(
     controller: N,
     samples_max: int = SAMPLES_MAX,
     language: BusLanguage = OUR_LANGUAGE,
-    hand_wheel: HandWheelNode | None = None,
+    hand_wheel: ReportingNode | None = None,
 ) -> VirtualPair[N]:
     """Make a plant for any controller; the one place where nodes are put together.
 

@@ -6,21 +6,32 @@ folder with log, trace and settings.
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from ...dbc.messages import LateralError, Rejection, SteeringCommand, SteeringPlan, decode
+from ...dbc.messages import (
+    Decoded,
+    HandWheelState,
+    LateralError,
+    Rejection,
+    SteeringCommand,
+    SteeringPlan,
+    decode,
+)
+from ...hand_wheel.shaking import WINDOW_S, shaking, shaking_text
 from ...plant_emulator.evaluation.report_in_words import verdict_text
 from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_MS
+from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..pair.pair_result import PairFiles, Trace, rms
 from ..processes.foreign_program import GRACE_S
 from ..recordings.log_analysis import analyse_files
 from ..recordings.log_file import open_log
+from ..recordings.logged import LogError
 from .command_rate_and_flood import DBC_RATE_HZ, NOTHING_SENT, Sent, sent_in
 from .reaction_to_fault import Detection, first_reaction
 
@@ -159,13 +170,31 @@ class Outcome(NamedTuple):
             took_ms = (found.reaction_ns - found.onset_ns) / NS_PER_MS
             self._fail(f"{fault}: detected after {took_ms:.1f} ms, later than {within_ms:g} ms")
 
+    def assert_wheel_still(self) -> None:
+        """Demand that the hand wheel does not shake at the end, by HAND_WHEEL_STATE in the log.
+
+        The path should be straight: on another one the wheel turns, and that is not told apart.
+        """
+        self._demand_whole_log()
+        seen = [
+            (time_ns, one.message.hand_wheel_angle_rad)
+            for time_ns, one in self._decoded()
+            if isinstance(one, Decoded) and isinstance(one.message, HandWheelState)
+        ]
+        if not seen:
+            self._fail("no HAND_WHEEL_STATE is on the bus")
+        times_ns, angles_rad = zip(*seen, strict=True)
+        period_s = (times_ns[-1] - times_ns[0]) / max(len(seen) - 1, 1) / NS_PER_S
+        last = round(WINDOW_S / period_s) if period_s else 1
+        found = shaking(angles_rad[-last:], period_s)
+        if found is not None:
+            self._fail(f"the hand wheel {shaking_text(found)}")
+
     def detection(self) -> Detection:
         """Return when a fault began on the bus and when the controller reacted."""
-        log = open_log(self.files.candump_log)
-        decoded = ((time_ns, decode(frame)) for time_ns, _, frame in log if time_ns is not None)
         measurements_and_commands = (
             (time_ns, one)
-            for time_ns, one in decoded
+            for time_ns, one in self._decoded()
             if isinstance(one, Rejection)
             or isinstance(one.message, LateralError | SteeringCommand | SteeringPlan)
         )
@@ -189,6 +218,12 @@ class Outcome(NamedTuple):
             wheel.set(ylabel="wheel angle [rad]", xlabel="time since the start of motion [s]")
             figure.savefig(file)
         return file
+
+    def _decoded(self) -> Iterator[tuple[int, Decoded | Rejection]]:
+        with suppress(LogError):  # no frame is in the log
+            for time_ns, _, frame in open_log(self.files.candump_log):
+                if time_ns is not None:
+                    yield time_ns, decode(frame)
 
     @property
     def _was_driven(self) -> bool:

@@ -13,17 +13,22 @@ standard input and output. Without, it runs in real time: on vcan0 where this ma
 on an emulated bus, which Python programs alone can join (python-can's interface ``emulated``). In
 its words ``{channel}``, the name of the interface, and ``{bus}``, python-can's options of either
 bus, are replaced.
+
+``hand_wheel`` adds a hand wheel to a preset or file in virtual time: a preset or file of the hand
+wheel, a function, or the words of a program in lockstep.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import read_language
+from ...hand_wheel.node import HandWheelNode
+from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.bus_model import BusModel
@@ -39,12 +44,14 @@ from ..pair.live_pair import LivePair, Program
 from ..pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace
 from ..pair.virtual_bus import QUIET_BUS
 from ..pair.virtual_pair import START_S_MAX, pair_with
+from ..pair.with_hand_wheel import with_hand_wheel
 from ..processes.foreign_program import STATUS_KILLED
 from ..processes.process_group import ProcessError, Processes
 from ..scripting.simulate import NO_OVERRIDES, settings_of
 from .outcome_and_assertions import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
+Foreign = MakeNode | Sequence[str]
 _COMMAND = "steer_by_wire.closed_loop.processes.foreign_program"
 _POLL_S = 0.05
 __tracebackhide__ = True  # pytest shows the line of the test that made the mistake
@@ -89,17 +96,20 @@ class Rig:
         *,
         in_real_time: bool = False,
         lockstep: bool = False,
+        hand_wheel: str | Path | HandWheelSettings | Foreign | None = None,
     ) -> Outcome:
         """Drive the plant to the end of its motion; returns what came of it.
 
         ``overrides``     other settings of a preset or file
         ``in_real_time``  run a preset or file as a program on a bus
         ``lockstep``      run a command in virtual time
+        ``hand_wheel``    of a preset or file in virtual time; the plant and the controller get what
+                          it needs, as in ``simulate``
 
         Raises SettingsError for settings that cannot be used, ProcessError when the plant fails.
         """
         try:
-            outcome = self._run(controller, overrides, in_real_time, lockstep)
+            outcome = self._run(controller, overrides, in_real_time, lockstep, hand_wheel)
         except (SettingsError, ProcessError) as error:
             raise error.with_traceback(None) from None
         if (car := self._language.car) is not None:
@@ -113,40 +123,53 @@ class Rig:
         overrides: Mapping[str, Any],
         in_real_time: bool,
         lockstep: bool,
+        hand_wheel: str | Path | HandWheelSettings | Foreign | None,
     ) -> Outcome:
+        if hand_wheel is not None and (in_real_time or not isinstance(controller, str)):
+            raise SettingsError("hand_wheel: needs a preset or a settings file, in virtual time")
         files = PairFiles(self._folder / f"run{len(self.outcomes) + 1}")
         files.folder.mkdir(parents=True, exist_ok=True)
         if not isinstance(controller, str):
             write_text(files.settings(PLANT_PROGRAM), dump_toml(self.settings))
-            if callable(controller):
-                # Wrapped, because a node of ours would be put behind a gateway.
-                make_node = controller
-                return self._in_virtual_time(
-                    lambda start_ns: Wrapper(make_node(start_ns)), self.settings, files
-                )
-            if not lockstep:
+            if not (lockstep or callable(controller)):
                 return self._in_real_time(self.settings, files, controller)
-            with lockstep_peer(controller) as program:
-                node = partial(LockstepNode, program)
+            with _made(controller) as node:
                 return self._in_virtual_time(node, self.settings, files)
         settings = settings_of(ControllerSettings, controller, overrides)
         self._language.refuse_law(settings.law_that_reads_the_vehicle)
         plant = self.settings
-        files.write_settings(plant, settings)
-        if in_real_time:
-            outcome = self._in_real_time(plant, files)
+        if hand_wheel is None:
+            files.write_settings(plant, settings)
+            if in_real_time:
+                outcome = self._in_real_time(plant, files)
+            else:
+                outcome = self._in_virtual_time(ControllerNode(settings, 0), plant, files)
         else:
-            outcome = self._in_virtual_time(partial(ControllerNode, settings), plant, files)
+            own, foreign = HandWheelSettings(), None
+            if isinstance(hand_wheel, str | Path | HandWheelSettings):
+                own = settings_of(HandWheelSettings, hand_wheel, {})
+            else:
+                foreign = hand_wheel
+            plant, settings, own = with_hand_wheel(plant, settings, own)
+            files.write_settings(plant, settings, hand_wheel=own if foreign is None else None)
+            with _made(foreign or own) as wheel:
+                outcome = self._in_virtual_time(ControllerNode(settings, 0), plant, files, wheel)
         return outcome._replace(rate_hz=NS_PER_S / settings.period_ns)
 
     def _in_virtual_time(
-        self, make_node: MakeNode, settings: PlantSettings, files: PairFiles
+        self,
+        node: ReportingNode,
+        settings: PlantSettings,
+        files: PairFiles,
+        hand_wheel: ReportingNode | None = None,
     ) -> Outcome:
-        pair = pair_with(settings, make_node(0), language=self._language)
+        pair = pair_with(settings, node, language=self._language, hand_wheel=hand_wheel)
         pair.run(BusModel(QUIET_BUS.bitrate_bit_s), files.candump_log)
-        failure = pair.controller.report().get("failure")
-        in_safe_state = "" if isinstance(pair.controller, LockstepNode) else "in its safe state: "
-        ending = f"controller is {in_safe_state}{failure}" if failure else ""
+        ending = ""
+        for name, made in (("hand wheel", hand_wheel), ("controller", pair.controller)):
+            if failure := made and made.report().get("failure"):
+                in_safe_state = "" if isinstance(made, LockstepNode) else "in its safe state: "
+                ending = f"{name} is {in_safe_state}{failure}"
         report, trace = dict(pair.edge.report()), Trace.of_node(pair.plant)
         return Outcome(files, "virtual time", settings, report, trace, ending)
 
@@ -178,6 +201,19 @@ class Rig:
                 return str(programs.failure(CONTROLLER_PROGRAM))
             time.sleep(_POLL_S)
         return ""
+
+
+@contextmanager
+def _made(node: Foreign | HandWheelSettings) -> Iterator[ReportingNode]:
+    """Make a node of a run in virtual time."""
+    if isinstance(node, HandWheelSettings):
+        yield HandWheelNode(node, 0)
+    elif callable(node):
+        # Wrapped, because a node of ours would be put behind a gateway.
+        yield Wrapper(node(0))
+    else:
+        with lockstep_peer(node) as peer:
+            yield LockstepNode(peer, 0)
 
 
 def _filled(words: Sequence[str], bus: Bus) -> list[str]:

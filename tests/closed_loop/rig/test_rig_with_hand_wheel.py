@@ -1,0 +1,52 @@
+"""A hand wheel in the rig: ours, or one under test, as a node or a program in lockstep."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.closed_loop.rig.rig import Rig
+from steer_by_wire.closed_loop.scripting.simulate import settings_of
+from steer_by_wire.hand_wheel.node import HandWheelNode
+from steer_by_wire.hand_wheel.settings import HandWheelSettings
+from steer_by_wire.runtime.settings import SettingsError
+
+DRIVEN = {"hand_wheel.steered_by": "driver"}
+PROGRAM = [sys.executable, "-m", "tests.closed_loop.lockstep.lockstep_controller", "hands_off"]
+
+
+def rig_of(folder: Path, uplink_s: float, duration_s: float) -> Rig:
+    network = {"latency.uplink.mean_s": uplink_s, "duration_s": duration_s}
+    return Rig(folder, "highway_nominal", {"path.kind": "straight", **network}, seed=3)
+
+
+def test_a_wheel_that_shakes_fails_with_how_it_does(tmp_path: Path) -> None:
+    still = rig_of(tmp_path / "still", 0.02, 12.0).run("highway_pd", DRIVEN, hand_wheel="hands_off")
+    still.assert_wheel_still()
+    rig = rig_of(tmp_path / "shakes", 0.2, 12.0)
+    with pytest.raises(AssertionError, match=r"^the hand wheel shakes at 0\.\d Hz, ±\d"):
+        rig.run("highway_pd", DRIVEN, hand_wheel="hands_off").assert_wheel_still()
+
+
+def test_a_program_as_the_hand_wheel_makes_the_run_of_the_node(tmp_path: Path) -> None:
+    rig = rig_of(tmp_path, 0.02, 1.5)
+    settings = settings_of(HandWheelSettings, "hands_off", {})
+    runs = [
+        rig.run("highway_pd", DRIVEN, hand_wheel=wheel)
+        for wheel in (lambda start_ns: HandWheelNode(settings, start_ns), PROGRAM)
+    ]
+    node, program = (run.files.candump_log.read_bytes() for run in runs)
+    assert node == program
+    assert b" 180#" in node  # HAND_WHEEL_STATE
+
+
+def test_a_hand_wheel_that_fails_or_is_missing_is_said(tmp_path: Path) -> None:
+    rig = rig_of(tmp_path, 0.02, 0.5)
+    ended = rig.run("highway_pd", hand_wheel=[sys.executable, "-c", "raise SystemExit(3)"])
+    assert ended.ending.startswith("hand wheel is at 0.000 s: python")
+    with pytest.raises(
+        AssertionError, match=r"^hand wheel is .*\nno HAND_WHEEL_STATE is on the bus"
+    ):
+        ended.assert_wheel_still()
+    with pytest.raises(SettingsError, match=r"^hand_wheel: needs a preset or a settings file, in"):
+        rig.run(["./my_controller"], lockstep=True, hand_wheel="still")
