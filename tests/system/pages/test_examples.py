@@ -94,7 +94,9 @@ def test_an_example_works_as_a_notebook_in_an_empty_folder(
     prepared = PREPARED.format(folder=str(tmp_path), root=str(ROOT), engine=engine)
     _, blocks = split_code_and_text_blocks(str(EXAMPLES / f"{name}.py"))
     codes = [block.content for block in blocks if block.type == "code"]
-    codes = [code.replace("\n    main()", "\n    made = main()") for code in codes]
+    *before, last = codes
+    rest, start, program = last.partition('if __name__ == "__main__":')
+    codes = [*before, rest + start + program.replace("main()", "(made := main())")]
     codes = [prepared, *codes, CHECKED.format(name=name), GALLERY["last_notebook_cell"]]
     client.nb = nbformat.v4.new_notebook(cells=list(map(nbformat.v4.new_code_cell, codes)))
     *_, shown = client.execute(cleanup_kc=False).cells
