@@ -10,4 +10,4 @@ main = partial(
 )
 
 if __name__ == "__main__":
-    sys.exit(main(None))
+    sys.exit(main())

@@ -182,7 +182,7 @@ def output_file(text: str) -> Path:
 
 
 def start_program(
-    module: str, arguments: Sequence[str] | None, name: str, function: str = "main"
+    module: str, arguments: Sequence[str] | None = None, *, name: str, function: str = "main"
 ) -> int:
     """Import a program and run its ``function(arguments)``; returns its exit status.
 

@@ -120,7 +120,7 @@ def start(name: str, words: Sequence[str]) -> int:
         return STATUS_INTERRUPTED
     program = PROGRAMS[name]
     module = f"{__package__}.{program.module}"
-    return start_program(module, words, f"{NAME} {name}", program.main)
+    return start_program(module, words, name=f"{NAME} {name}", function=program.main)
 
 
 def _print(text: str) -> int:
