@@ -16,11 +16,7 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 from .base_settings import PATH, leaves, named_path
-from .study_file import (
-    FactorSettings,
-    SamplingKind,
-    SamplingSettings,
-)
+from .study_file import FactorSettings, SamplingKind, SamplingSettings
 
 _MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
 _MOTIONS_KEPT = 24

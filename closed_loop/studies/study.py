@@ -16,13 +16,7 @@ from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.faults.messages_on_bus import naming
 from ...runtime.settings import SettingsError
 from ..pair.named_files import digest, named_files
-from .base_settings import (
-    Tables,
-    bus_tables,
-    controller_tables,
-    plant_of_variant,
-    plant_tables,
-)
+from .base_settings import Tables, bus_tables, controller_tables, plant_of_variant, plant_tables
 from .compiled_figures import COLUMNS
 from .factors import Design, Factor, in_grid_order, make_design, make_factor
 from .study_file import SamplingKind, StudySettings, read_study

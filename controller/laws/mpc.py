@@ -24,14 +24,7 @@ from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings, SettingsError
 from ..law_interface import LawInput, LawOutput, Schedule, VehicleBelief
 from ..prediction.gains_over_speed import steady_turn_rad
-from ..prediction.horizon import (
-    STEP_S,
-    STEPS,
-    HorizonParams,
-    design_horizon,
-    first_command,
-    vector,
-)
+from ..prediction.horizon import STEP_S, STEPS, HorizonParams, design_horizon, first_command, vector
 from ..prediction.prediction import predict
 from ..prediction.vehicle_kalman_filter import EstimatorState
 from . import predictor

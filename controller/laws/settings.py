@@ -7,13 +7,7 @@ from functools import cache
 from math import pi
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    WithJsonSchema,
-    create_model,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, WithJsonSchema, create_model, model_validator
 from pydantic_core import PydanticKnownError
 
 from ...dbc.messages import CYCLE_TIMES_MS, LawNumber, VehicleState

@@ -29,11 +29,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ...runtime.settings import Settings, SettingsError
-from ..filters.nominal_model import (
-    NominalVehicle,
-    motion_coefficients,
-    understeer_gradient_s2_m,
-)
+from ..filters.nominal_model import NominalVehicle, motion_coefficients, understeer_gradient_s2_m
 from ..filters.settings import VehicleModelSettings
 from ..matrices import Matrix, zero_order_hold
 from .riccati_equation import UnsolvableError, feedback_gain, filter_gains

@@ -25,13 +25,7 @@ from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from .loop_figures import (
-    CircleGrid,
-    behind_lag,
-    circle_grid,
-    loop_figures,
-    slow_poles,
-)
+from .loop_figures import CircleGrid, behind_lag, circle_grid, loop_figures, slow_poles
 from .search.evolution import Values
 from .search.law_parameters import controller_settings, designs
 from .specification import Specification
