@@ -83,9 +83,8 @@ class Timing(NamedTuple):
 
     def newest_sample(self, tick: int) -> int:
         """Return the newest sample that has arrived by a tick."""
-        return (
-            tick * self.loop_delay.period_ns - self.uplink_ns
-        ) // self.loop_delay.sensor_period_ns
+        sent_ns = tick * self.loop_delay.period_ns - self.uplink_ns
+        return sent_ns // self.loop_delay.sensor_period_ns
 
     def applied_tick(self, sample: int) -> int:
         """Return the tick whose command is in effect at a sample."""

@@ -158,17 +158,11 @@ class PeriodicLoop:
         return float(np.sqrt(powers.mean()))
 
     def _timing(self, delay_ns: int) -> Timing:
-        start_ns = -(-_START_S * NS_PER_S // self.period_ns) * self.period_ns
-        loop_delay = self._loop_delay
+        both, first = self._loop_delay, -(-_START_S * NS_PER_S // self.period_ns)
+        ticks, samples = self.period_ns // both.period_ns, self.period_ns // both.sensor_period_ns
         return Timing(
-            loop_delay,
-            delay_ns,
-            self.loop_model.uplink_ns,
-            start_ns // loop_delay.period_ns,
-            start_ns // loop_delay.sensor_period_ns,
-            self.period_ns // loop_delay.period_ns,
-            self.period_ns // loop_delay.sensor_period_ns,
-            self._commands_read,
+            *(both, delay_ns, self.loop_model.uplink_ns, first * ticks, first * samples),
+            *(ticks, samples, self._commands_read),
         )
 
     def _kept(self, delay_ns: int) -> tuple[FloatArray, NDArray[np.intp]]:

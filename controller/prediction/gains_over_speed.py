@@ -105,11 +105,6 @@ class GainSchedule(NamedTuple):
     speeds_m_s: Sequence[float]
     rows: Matrix
 
-    @property
-    def gains(self) -> list[VehicleGains]:
-        """The gains at each speed."""
-        return [_gains_of(row) for row in self.rows.tolist()]
-
 
 def together(schedules: Iterable[GainSchedule]) -> Callable[[float], tuple[VehicleGains, ...]]:
     """Return the gains of each schedule as a function of the speed; all have the same speeds.

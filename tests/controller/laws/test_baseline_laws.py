@@ -57,18 +57,9 @@ def test_the_smith_preset_keeps_what_its_file_states() -> None:
         (("smith={delay_s=0.1, washout_rad_s=400}",), "must be below pi"),
         (("feed_forward={gain=3}",), "feed_forward.gain"),
         (('nominal_model={kind="paper_eq19"}', *FEED_FORWARD), "needs nominal_model.kind"),
-        (
-            (
-                'law="predictor"',
-                "predictor={}",
-                "dob={q_cutoff_rad_s=1}",
-                "cdob={q_cutoff_rad_s=1}",
-                *FEED_FORWARD,
-            ),
-            "steers for the curvature that it estimates",
-        ),
+        (('law="predictor"', "predictor={}", *FEED_FORWARD), "curvature that it estimates"),
     ],
 )
 def test_settings_without_sense_are_refused(overrides: Sequence[str], message: str) -> None:
     with pytest.raises(SettingsError, match=message):
-        preset("practical_pd", overrides)
+        preset("practical_pd_ddob", overrides)

@@ -48,7 +48,8 @@ SPEEDS = (0.5, 1.39, 1.94, 8.0, 16.7)
 def gains(speed_m_s: float, lag_s: float = 0.0, sensor_period_s: float = 0.01) -> VehicleGains:
     """Return the gains at one speed, which is made the lowest of the table."""
     settings = EstimatorSettings(actuator_lag_s=lag_s, speed_m_s_min=speed_m_s, speed_m_s_max=80.0)
-    return design_schedule(settings, VEHICLE, 0.01, sensor_period_s, Feedback(1.0, 0.0)).gains[0]
+    schedule = design_schedule(settings, VEHICLE, 0.01, sensor_period_s, Feedback(1.0, 0.0))
+    return together([schedule])(speed_m_s)[0]
 
 
 def numbers(of: VehicleGains) -> np.ndarray:
@@ -97,7 +98,7 @@ def test_half_way_between_two_speeds_of_the_table_no_gain_is_off_by_more_than_3_
     gains_at = together([schedule])
     of_settings = [v for v in schedule.speeds_m_s if v < 1.01 * settings.speed_m_s_max]
     assert len(of_settings) > 40
-    limits = np.full(len(numbers(schedule.gains[0])), 0.05)
+    limits = np.full(schedule.rows.shape[1], 0.05)
     limits[: len(VehicleGains._fields) - 1 + len(Correction._fields)] = 0.03
     for low, high in sampled([*pairwise(of_settings)][::3], pairwise(of_settings)):
         speed_m_s = 0.5 * (low + high)
@@ -112,13 +113,13 @@ def test_beyond_the_speeds_of_the_settings_the_weight_falls_with_the_square_of_t
     schedule = design_schedule(settings, VEHICLE, 0.01, 0.01, limited)
     unlimited = design_schedule(settings, VEHICLE, 0.01, 0.01, feedback)
     at = [speed <= 1.01 * settings.speed_m_s_max for speed in schedule.speeds_m_s]
-    assert schedule.gains[: sum(at)] == unlimited.gains[: sum(at)]
+    np.testing.assert_array_equal(schedule.rows[: sum(at)], unlimited.rows[: sum(at)])
     assert schedule.speeds_m_s[-1] > 3.0 * settings.speed_m_s_max
     last = schedule.speeds_m_s[-1]
     weight = (settings.speed_m_s_max / last) ** 2
     beyond = settings.model_copy(update={"speed_m_s_min": last, "speed_m_s_max": 2.0 * last})
-    expected = design_schedule(beyond, VEHICLE, 0.01, 0.01, Feedback(weight, 0.0, last)).gains[0]
-    np.testing.assert_allclose(numbers(schedule.gains[-1]), numbers(expected), rtol=1e-6)
+    expected = design_schedule(beyond, VEHICLE, 0.01, 0.01, Feedback(weight, 0.0, last))
+    np.testing.assert_allclose(schedule.rows[-1], expected.rows[0], rtol=1e-6)
 
 
 # Which command acts from a sample to the next

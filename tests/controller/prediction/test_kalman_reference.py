@@ -30,6 +30,7 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
     design_schedule,
     noise_covariances,
     sampled_vehicles,
+    together,
 )
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import (
     GAP_DOUBLINGS,
@@ -115,7 +116,7 @@ def test_filterpy_settles_at_the_gain_of_the_riccati_equation(noise: str, speed_
     schedule = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, Feedback(1.0, 0.0))
     reference = reference_filter(settings, speed_m_s)
     gain = settled_gain(reference)
-    corrections = schedule.gains[0].corrections
+    corrections = together([schedule])(speed_m_s)[0].corrections
     np.testing.assert_allclose(gain[:6], gain_matrix(corrections[0]), rtol=1e-9, atol=1e-12)
     assert (gain[6] == 0.0).all()  # the wheel is where the commands have put it
     assert len(corrections) == GAP_DOUBLINGS + 1
