@@ -9,12 +9,12 @@ that was lost or overtaken by a newer one is never applied and has no echo.
 from collections.abc import MutableSequence
 
 from ...dbc.messages import COMMAND_COUNTERS, Mode, Sender, SteeringCommand, SteeringPlan
-from ...runtime.fast_named_tuple import fast_constructor
+from ...runtime.fast_named_tuple import field_values
 from ...runtime.frame import Frame
 from ..history.plan import limit_plan, plan_message
 from ..limits.steer_limits import SteerLimits
 
-_command = fast_constructor(SteeringCommand)
+_command = field_values(SteeringCommand)
 IN_FLIGHT_MAX = 4096
 """Commands whose sending time is stored: 4 s at 1 kHz, and far fewer than the counter's values, so
 that a counter that has wrapped is not mistaken for the old one."""

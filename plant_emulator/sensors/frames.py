@@ -18,7 +18,7 @@ from ...dbc.messages import (
     VehicleState,
     limits,
 )
-from ...runtime.fast_named_tuple import fast_constructor
+from ...runtime.fast_named_tuple import field_values
 from ...runtime.frame import Frame
 from ..vehicle.car.axle_use import AxleUse
 
@@ -32,8 +32,8 @@ _COMMAND_RANGE = limits(SteeringForce)["limited_command_rad"]
 _FORCE_RANGE = limits(SteeringForce)["rack_force_n"]
 _USE_RANGES = limits(CarTruth)
 _CG_RANGE = limits(GroundTruth)["cg_deviation_m"]
-_error, _status = fast_constructor(LateralError), fast_constructor(SteeringStatus)
-_state = fast_constructor(VehicleState)
+_error, _status = field_values(LateralError), field_values(SteeringStatus)
+_state = field_values(VehicleState)
 _NO_ERROR = LateralError(lateral_error_m=0.0, heading_error_rad=0.0)
 
 
