@@ -32,7 +32,7 @@ Delivered = tuple[int, int, Frame]
 
 
 class Wire(Protocol):
-    """Carries frames between the nodes: an InstantWire, or a BusModel with a bit rate."""
+    """Carries frames between the nodes and takes time, as a BusModel with a bit rate."""
 
     @property
     def next_event_ns(self) -> int:
@@ -48,35 +48,11 @@ class Wire(Protocol):
         ...
 
 
-class InstantWire:
-    """A wire without transmission time or limit: frames are complete at once, in order.
-
-    ``next_event_ns``  when the next frame is complete [ns]; NEVER_NS with nothing on the way
-    """
-
-    def __init__(self) -> None:
-        self._sent: list[Delivered] = []
-        self.next_event_ns = NEVER_NS
-
-    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
-        """Take a frame to send at ``now_ns``."""
-        sent = self._sent
-        if not sent:
-            self.next_event_ns = now_ns
-        sent.append((now_ns, sender, frame))
-
-    def advance(self, now_ns: int) -> Sequence[Delivered]:  # noqa: ARG002 all are complete
-        """Return the frames sent since the last call."""
-        completed, self._sent = self._sent, []
-        self.next_event_ns = NEVER_NS
-        return completed
-
-
 class VirtualTimeExecutor:
     """Runs ``nodes`` over ``bus``.
 
     ``nodes``    in the order in which they tick at one instant
-    ``bus``      the wire between them; without one, an InstantWire
+    ``bus``      the wire between them; without one, frames are complete at once, in order
     ``on_wire``  called as ``on_wire(time_ns, sender_index, frame)`` for every frame when it is
                  complete on the wire, before its delivery
     """
@@ -92,7 +68,7 @@ class VirtualTimeExecutor:
         self._receivers_of = {
             sender: everyone[:sender] + everyone[sender + 1 :] for sender, _ in everyone
         }
-        self._wire: Wire = InstantWire() if bus is None else bus
+        self._wire = bus
         self._on_wire = on_wire
         self._now_ns = min((node.deadline_ns for node in nodes), default=0)
 
@@ -114,26 +90,33 @@ class VirtualTimeExecutor:
         bus raises when it cannot take a frame.
         """
         wire, on_wire, nodes = self._wire, self._on_wire, tuple(enumerate(self._nodes))
-        submit, advance, receivers_of = wire.submit, wire.advance, self._receivers_of.get
         now_ns, events, busy_index = _BEFORE_ALL_NS, 0, 0
+        sent: list[Delivered] = []
+        """Frames on a wire that takes no time."""
         while events < EVENTS_PER_INSTANT_MAX:
-            next_ns = wire.next_event_ns
-            if next_ns <= now_ns:
-                for end_ns, busy_index, frame in advance(now_ns):
+            next_ns = NEVER_NS if wire is None else wire.next_event_ns
+            if sent or next_ns <= now_ns:
+                completed, sent = sent if wire is None else wire.advance(now_ns), []
+                for end_ns, busy_index, frame in completed:
                     if on_wire is not None:
                         on_wire(end_ns, busy_index, frame)
-                    for index, node in receivers_of(busy_index, ()):
+                    for index, node in self._receivers_of.get(busy_index, ()):
                         events += 1
-                        if answers := node.on_frame(frame, now_ns):
-                            for answer in answers:
-                                submit(answer, index, now_ns)
+                        for answer in node.on_frame(frame, now_ns):
+                            if wire is None:
+                                sent.append((now_ns, index, answer))
+                            else:
+                                wire.submit(answer, index, now_ns)
                 continue
             for index, node in nodes:
                 deadline_ns = node.deadline_ns
                 if deadline_ns <= now_ns:
                     events, busy_index = events + 1, index
                     for frame in node.on_tick(now_ns):
-                        submit(frame, index, now_ns)
+                        if wire is None:
+                            sent.append((now_ns, index, frame))
+                        else:
+                            wire.submit(frame, index, now_ns)
                     break
                 if deadline_ns < next_ns:
                     next_ns = deadline_ns

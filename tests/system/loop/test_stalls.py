@@ -17,8 +17,8 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import Node
-from steer_by_wire.runtime.node.virtual_time_loop import InstantWire, VirtualTimeExecutor
+from steer_by_wire.runtime.node import NEVER_NS, Node
+from steer_by_wire.runtime.node.virtual_time_loop import Delivered, VirtualTimeExecutor
 
 MS = 1_000_000
 DURATION_S = 5.0
@@ -64,22 +64,26 @@ class HeldUp:
         return [answer for frame in waiting for answer in self._node.on_frame(frame, now_ns)]
 
 
-class HeldUpWire(InstantWire):
+class HeldUpWire:
     """A bus that is held up: of each sender it keeps what the transmit buffer has room for."""
 
     def __init__(self, stall: Stall) -> None:
-        super().__init__()
         self._first_ns, self._end_ns = stall
         self._kept = [0, 0]
+        self._sent: list[Delivered] = []
+        self.next_event_ns = NEVER_NS
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         if self._first_ns <= now_ns < self._end_ns:
             self._kept[sender] += 1
             if self._kept[sender] > TRANSMIT_BUFFER:
                 return
-        super().submit(frame, sender, now_ns)
-        if self._first_ns <= now_ns < self._end_ns:
-            self.next_event_ns = self._end_ns
+        self.next_event_ns = self._end_ns if self._first_ns <= now_ns < self._end_ns else now_ns
+        self._sent.append((now_ns, sender, frame))
+
+    def advance(self, now_ns: int) -> list[Delivered]:  # noqa: ARG002 all are complete
+        completed, self._sent, self.next_event_ns = self._sent, [], NEVER_NS
+        return completed
 
 
 def reports_of(
