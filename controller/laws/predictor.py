@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import LawNumber
+from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import Settings
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import Fallback, Law, LawInput, LawOutput, LookingBack, Schedule, VehicleBelief
@@ -133,39 +134,39 @@ def predictor_step(
     """Advance one control period."""
     x_fallback, output = pd_ddob_step(p.fallback, x.fallback, observed)
     seen = outlook_of(p, x, observed)
-    if seen.is_predicting:
+    _, _, _, gains, newest, horizon, is_predicting = seen
+    if is_predicting:
         loop_delay, history = observed.loop_delay, observed.history
-        ahead = predict(p.loop_delay, seen.gains, seen.newest, loop_delay, history, seen.horizon)
-        steer_rad = steer_for(seen.gains, ahead, p.steer_rad_max)
-        output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
+        ahead = predict(p.loop_delay, gains, newest, loop_delay, history, horizon)
+        steer_rad = steer_for(gains, ahead, p.steer_rad_max)
+        given = steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m
+        output = new_record(LawOutput, given)
     return faded(p, x, seen, x_fallback, output)
 
 
 def outlook_of(p: PredictorParams, x: PredictorState, observed: LawInput) -> Outlook:
     """Return what is known in this period."""
-    loop_delay, history = observed.loop_delay, observed.history
-    estimate, settled_sample = start_estimate(x.estimate, loop_delay, history), x.settled_sample
-    if estimate.sample != x.estimate.sample and estimate.sample >= 0:
-        settled_sample = estimate.sample
+    loop_delay, history, before = observed.loop_delay, observed.history, x.estimate
+    estimate, settled_sample = start_estimate(before, loop_delay, history), x.settled_sample
+    sample, of_loop = estimate.sample, p.loop_delay
+    if sample != before.sample and sample >= 0:
+        settled_sample = sample
         # Until a command has acted, the vehicle stands on its path, as the filter assumes.
-        if history.applied_tick[estimate.sample & history.sample_mask] >= 0:
+        if history.applied_tick[sample & history.sample_mask] >= 0:
             settled_sample += p.settling_samples
     yaw_rate_rad_s = observed.vehicle.yaw_rate_rad_s
-    measured = measured_to(
-        p.measured, p.loop_delay, x.measured, loop_delay, history, yaw_rate_rad_s
-    )
+    measured = measured_to(p.measured, of_loop, x.measured, loop_delay, history, yaw_rate_rad_s)
     gains = measured_gains(p.measured, measured)
     newest, horizon, is_predicting = estimate, 0.0, False
-    if estimate.sample >= 0:
-        settled = loop_delay.settled_sample
-        estimate = estimate_to(p.loop_delay, gains, estimate, loop_delay, history, settled)
-        newest = estimate_to(
-            p.loop_delay, gains, estimate, loop_delay, history, loop_delay.error_sample
-        )
-        horizon = horizon_samples(p.loop_delay, loop_delay, newest.sample)
+    if sample >= 0:
+        settled, newest_sample = loop_delay.settled_sample, loop_delay.error_sample
+        estimate = estimate_to(of_loop, gains, estimate, loop_delay, history, settled)
+        newest = estimate_to(of_loop, gains, estimate, loop_delay, history, newest_sample)
+        horizon = horizon_samples(of_loop, loop_delay, newest.sample)
         is_settled = estimate.sample >= settled_sample
         is_predicting = loop_delay.is_measured and is_settled and horizon <= p.horizon_samples_max
-    return Outlook(estimate, measured, settled_sample, gains, newest, horizon, is_predicting)
+    found = (estimate, measured, settled_sample, gains, newest, horizon, is_predicting)
+    return new_record(Outlook, found)
 
 
 def faded(
@@ -177,22 +178,17 @@ def faded(
 ) -> tuple[PredictorState, LawOutput]:
     """Return state and output, with the difference to another law's command fading out."""
     # The steps between two masses are small, and a plan does not fade.
-    is_new = (
-        seen.is_predicting != x.is_predicting or seen.measured.lag.choice != x.measured.lag.choice
-    )
-    wanted_rad = output.steer_rad
-    fade_rad = difference_step(p.fade_step_rad, x.fade_rad, x.steer_rad, wanted_rad, is_new)
+    estimate, measured, settled_sample, _, _, _, is_predicting = seen
+    _, measured_before, _, _, was_predicting, last_rad, fade_rad = x
+    wanted_rad, disturbance_rad, network_rad, error_m = output
+    is_new = is_predicting != was_predicting or measured.lag.choice != measured_before.lag.choice
+    fade_rad = difference_step(p.fade_step_rad, fade_rad, last_rad, wanted_rad, is_new)
     steer_rad = wanted_rad + fade_rad
-    after = PredictorState(
-        seen.estimate,
-        seen.measured,
-        seen.settled_sample,
-        x_fallback,
-        seen.is_predicting,
-        steer_rad,
-        fade_rad,
-    )
-    return after, LawOutput(steer_rad, *output[1:])
+    after = (
+        estimate, measured, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad,
+    )  # fmt: skip
+    given = steer_rad, disturbance_rad, network_rad, error_m
+    return new_record(PredictorState, after), new_record(LawOutput, given)
 
 
 def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorState:

@@ -1,5 +1,6 @@
 """Prediction to the time at which a command acts, and the feedback of the state there."""
 
+from ...runtime.fast_named_tuple import new_record
 from ..history.echo_delay import LoopDelayParams
 from ..law_interface import History, LoopDelay
 from .vehicle_kalman_filter import EstimatorState, VehicleGains, command_from, step_on_path
@@ -20,25 +21,28 @@ def predict(
     horizon: float,
 ) -> EstimatorState:
     """Return the state ``horizon`` samples ahead, interpolated linearly between two samples."""
-    after = x
-    last = x.sample + int(max(horizon, 0.0))
-    while after.sample <= last:
+    after, sample, horizon = x, x.sample, max(horizon, 0.0)
+    last = sample + int(horizon)
+    while sample <= last:
         x = after
-        after = step_on_path(
-            g, loop_delay, history, x, command_from(p, loop_delay, history, x.sample)
-        )
-    part = max(horizon, 0.0) % 1.0
-    return EstimatorState(
-        x.sample,
-        x.side_slip_rad + part * (after.side_slip_rad - x.side_slip_rad),
-        x.yaw_rate_rad_s + part * (after.yaw_rate_rad_s - x.yaw_rate_rad_s),
-        x.heading_error_rad + part * (after.heading_error_rad - x.heading_error_rad),
-        x.lateral_error_m + part * (after.lateral_error_m - x.lateral_error_m),
-        x.curvature_1_m + part * (after.curvature_1_m - x.curvature_1_m),
-        x.offset_rad,
-        x.wheel_rad + part * (after.wheel_rad - x.wheel_rad),
-        x.behind_rad,
+        command_rad = command_from(p, loop_delay, history, sample)
+        after = step_on_path(g, loop_delay, history, x, command_rad)
+        sample += 1
+    part = horizon % 1.0
+    sample, beta, r, psi, y, rho, d, delta, behind = x
+    _, beta_1, r_1, psi_1, y_1, rho_1, _, delta_1, _ = after
+    between = (
+        sample,
+        beta + part * (beta_1 - beta),
+        r + part * (r_1 - r),
+        psi + part * (psi_1 - psi),
+        y + part * (y_1 - y),
+        rho + part * (rho_1 - rho),
+        d,
+        delta + part * (delta_1 - delta),
+        behind,
     )
+    return new_record(EstimatorState, between)
 
 
 def steer_for(g: VehicleGains, x: EstimatorState, steer_rad_max: float) -> float:
@@ -47,17 +51,19 @@ def steer_for(g: VehicleGains, x: EstimatorState, steer_rad_max: float) -> float
     The lateral error may ask for half of that. So the vehicle approaches its path at a bounded
     angle, and the other half can turn it back in time.
     """
-    towards_rad, half_rad = g.steer_y * x.lateral_error_m, 0.5 * steer_rad_max
+    by_beta, by_r, by_psi, by_y, by_delta, by_rho, by_d = g[25:32]
+    _, beta, r, psi, y, rho, d, delta, _ = x
+    towards_rad, half_rad = by_y * y, 0.5 * steer_rad_max
     if towards_rad > half_rad:
         towards_rad = half_rad
     elif towards_rad < -half_rad:
         towards_rad = -half_rad
     steer_rad = (
-        g.steer_rho * x.curvature_1_m
-        + g.steer_d * x.offset_rad
-        - (g.steer_beta * x.side_slip_rad + g.steer_r * x.yaw_rate_rad_s)
-        - (g.steer_psi * x.heading_error_rad + towards_rad)
-        - g.steer_delta * x.wheel_rad
+        by_rho * rho
+        + by_d * d
+        - (by_beta * beta + by_r * r)
+        - (by_psi * psi + towards_rad)
+        - by_delta * delta
     )
     if steer_rad > steer_rad_max:
         return steer_rad_max
