@@ -64,6 +64,8 @@ _ENOUGH: Mapping[str, float] = {
 _SHARE = 0.25
 _POSITIVE = ("1", "m", "m2", "N/(rad kg)")
 """Units of what is positive: its logarithm is nearer to a normal distribution."""
+_DELAYS = ("delay_and_lag_s", "lag_s", "dead_time_s")
+"""No effect comes before its cause; a sum below 0 says that two clocks differ."""
 _WORDS = {
     "lag_squared_s2": "lag_s",
     "front_c": "front_stiffness_per_mass_n_rad_kg",
@@ -138,23 +140,30 @@ def _quantities(problem: Problem) -> list[_Quantity]:
 
 
 def figures_of(
-    found: Fit, judged: tuple[Grid, Sequence[Samples]], progress: Progress | None
+    found: Fit,
+    judged: tuple[Grid, Sequence[Samples]],
+    progress: Progress | None,
+    others: Sequence[Fit] = (),
 ) -> list[Figure]:
-    """Return all figures of a fit; by the covariance alone without progress, or once stopped."""
+    """Return all figures of a fit; by the covariance alone without progress, or once stopped.
+
+    ``others``  fits of models that may be as right: each interval covers theirs, too
+    """
     figures, bounds = [], _Bounds(found, judged, progress)
     for quantity in _quantities(found.problem):
-        value = quantity.function(found.values)
-        slope = _slope(found, quantity)
-        half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
-        low, high = (value - half, value + half)
-        if quantity.unit in _POSITIVE:
-            grown = np.exp(min(half / value, 9.0))
-            low, high = value / grown, value * grown
+        value, slope = quantity.function(found.values), _slope(found, quantity)
+        low, high = _ends(found, quantity, slope)
         try:
             low, high = bounds.of(quantity, low, high)
         except Stopped:
             bounds = bounds._replace(progress=None)
-        low = max(low, 0.0) if quantity.unit in _POSITIVE else low
+        for other in others:
+            lower, higher = _ends(other, quantity, _slope(other, quantity))
+            low, high = min(low, lower), max(high, higher)
+        if quantity.name in ("lag_s", "dead_time_s"):
+            value, high = max(value, 0.0), max(high, 0.0)
+        if quantity.unit in _POSITIVE or (quantity.name in _DELAYS and high >= 0.0):
+            low = max(low, 0.0)
         enough = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
         enough = _ENOUGH.get(quantity.name, enough)
         note, verdict = "", Verdict.IDENTIFIED
@@ -173,6 +182,27 @@ def figures_of(
     return figures
 
 
+def _ends(found: Fit, quantity: _Quantity, slope: FloatArray) -> tuple[float, float]:
+    """Return the interval by the covariance."""
+    value = quantity.function(found.values)
+    half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
+    if quantity.name in ("lag_s", "dead_time_s"):
+        square = found.problem.place("lag_squared_s2")
+        its_half = _half(found, square)
+        if found.x[square] <= its_half:
+            # Any lag up to this one is possible, and at 0 the root has no slope.
+            longest_s = sqrt(found.x[square] + its_half)
+            if quantity.name == "lag_s":
+                return 0.0, longest_s
+            total_s = found.values["delay_and_lag_s"]
+            spread_s = _half(found, found.problem.place("delay_and_lag_s"))
+            return total_s - longest_s - spread_s, total_s + spread_s
+    if quantity.unit not in _POSITIVE:
+        return value - half, value + half
+    grown = float(np.exp(min(half / value, 9.0)))
+    return value / grown, value * grown
+
+
 def figure_values(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
     """Return the figures of parameters by name."""
     return {one.name: one.function(values) for one in _quantities(problem)}
@@ -186,19 +216,21 @@ class _Bounds(NamedTuple):
     def of(self, quantity: _Quantity, low: float, high: float) -> tuple[float, float]:
         """Return the ends by the profile, where the covariance alone would not do."""
         sought = {one.name: one for one in self.found.problem.parameters}
-        if quantity.name == "dead_time_s":
-            return self._of_dead_time(low, high)
         parameter = sought.get(quantity.source)
         if parameter is None or self.progress is None:
             return low, high
         at = self.found.problem.place(quantity.source)
-        half = self.found.critical * sqrt(float(self.found.covariance[at, at]))
+        half = _half(self.found, at)
         x = self.found.x[at]
         is_near = x - half <= parameter.low or x + half >= parameter.high
         is_wide = half > (_SHARE if parameter.is_log else 0.01)
         if not (is_near or is_wide):
             return low, high
         lowest, highest = profile(self.found, self.judged, quantity.source, self.progress)
+        if self.found.is_coloured:
+            # The errors of a wrong car bend the cost, too: a narrower profile would be theirs.
+            lowest = min(lowest, x - half if x - half > parameter.low else -inf)
+            highest = max(highest, x + half if x + half < parameter.high else inf)
         if quantity.name != parameter.name and quantity.source != "lag_squared_s2":
             # Of a product the profile of one factor tells no more than whether there is an end.
             return (-inf if lowest == -inf else low, inf if highest == inf else high)
@@ -212,18 +244,10 @@ class _Bounds(NamedTuple):
                 ends.append(quantity.function(moved))
         return min(ends), max(ends)
 
-    def _of_dead_time(self, low: float, high: float) -> tuple[float, float]:
-        """Return the ends for any lag that the log allows, if that may be 0: it has no slope."""
-        at = self.found.problem.place("lag_squared_s2")
-        half = self.found.critical * sqrt(float(self.found.covariance[at, at]))
-        if self.found.x[at] > half:
-            return low, high
-        longest_s = sqrt(max(self.found.x[at] + half, 0.0))
-        shortest_s = sqrt(max(self.found.x[at] - half, 0.0))
-        place = self.found.problem.place("delay_and_lag_s")
-        spread_s = self.found.critical * sqrt(float(self.found.covariance[place, place]))
-        total_s = self.found.values["delay_and_lag_s"]
-        return total_s - longest_s - spread_s, total_s - shortest_s + spread_s
+
+def _half(found: Fit, at: int) -> float:
+    """Return half of the interval of a coordinate."""
+    return found.critical * sqrt(float(found.covariance[at, at]))
 
 
 def _slope(found: Fit, quantity: _Quantity) -> FloatArray:

@@ -66,6 +66,11 @@ class Fit(NamedTuple):
         """All parameters by name."""
         return self.problem.values(self.x)
 
+    @property
+    def is_coloured(self) -> bool:
+        """Whether the errors are more than chance: this car is not quite the model."""
+        return not all(map(is_white, self.errors))
+
 
 class Refit(NamedTuple):
     """The end of a search: coordinates of what was sought, cost, and errors of each sensor."""
@@ -267,6 +272,7 @@ def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     floor = np.sqrt(np.maximum(1.0, less))
     robust *= np.outer(floor, floor)
     robust += judge.unresolved(x, inverse @ free.T)
+    robust += np.diag([one.unsure**2 for one in problem.parameters])
     # What is assumed moves what is sought.
     shift = np.vstack((-inverse @ free.T @ assumed, np.eye(len(problem.assumed))))
     spread = np.diag([one.deviation**2 for one in problem.assumed])

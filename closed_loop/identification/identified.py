@@ -89,7 +89,13 @@ def identify(
     residual = residuals_percent(samples[0], found.errors[0])
     if found.is_whole:
         _refuse_misfit(found, samples, grid, residual)
-    figures = figures_of(found, (grid, samples), progress)
+    figures = figures_of(found, (grid, samples), progress, _others(found, grid, samples, progress))
+    total = next(one for one in figures if one.name == "delay_and_lag_s")
+    if total.high < 0.0:
+        notes.append(
+            f"{samples[0].channel.name} comes {-1e3 * total.value:.0f} ms before the wheel's angle"
+            " has an effect: the clocks of the two differ by at least that"
+        )
     if found_all is not None:
         figures += [
             one._replace(note="with the place of its sensor")
@@ -111,7 +117,20 @@ def _contradicts(found: Fit, alone: Fit) -> bool:
 
 
 def _is_coloured(found: Fit) -> bool:
-    return found.is_whole and not all(map(is_white, found.errors))
+    return found.is_whole and found.is_coloured
+
+
+def _others(
+    found: Fit, grid: Grid, samples: Sequence[Samples], progress: Progress
+) -> list[Fit]:  # fmt: skip
+    """Return the fit with tyres of the other kind, unless the errors say that these are right."""
+    if not _is_coloured(found):
+        return []
+    tyre = "fiala" if found.problem.known.tyre == "magic_formula" else "magic_formula"
+    known = found.problem.known.model_copy(update={"tyre": tyre})
+    start = found.x[: len(found.problem.parameters)]
+    other = fit(found.problem._replace(known=known), grid, samples, progress, start)
+    return [other] if other.is_whole else []
 
 
 def _of_rates(drive: Drive) -> Drive:

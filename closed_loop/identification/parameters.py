@@ -15,7 +15,7 @@ and a delay after the first yaw rate; the delay of that one is part of D.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -24,7 +24,7 @@ from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import Settings, SettingsError
-from .time_series import Drive, Quantity
+from .time_series import Channel, Drive, Quantity
 
 MASS_KG = 1500.0
 """Chosen where the mass is not known: it is in no figure per kilogram."""
@@ -49,6 +49,7 @@ class Known(Settings):
     lateral_acceleration_ahead_m: float = Field(0.0, ge=-10.0, le=10.0)
     """Where its sensor is, ahead of the centre of gravity."""
     friction: float | None = Field(None, ge=0.05, le=3.0)
+    tyre: Literal["fiala", "magic_formula"] = "fiala"
 
     def check(self, source: str) -> None:
         """Raise SettingsError where two of them contradict each other."""
@@ -66,6 +67,7 @@ class Parameter(NamedTuple):
     ``is_log``     sought by its logarithm, as are its limits and its scale
     ``scale``      a usual change
     ``deviation``  standard deviation of its prior around ``start``; infinite for none
+    ``unsure``     standard deviation of an error that is the same in every sample, so none shows it
     """
 
     name: str
@@ -76,6 +78,7 @@ class Parameter(NamedTuple):
     scale: float
     is_log: bool = False
     deviation: float = np.inf
+    unsure: float = 0.0
 
     def value(self, x: float) -> float:
         """Return the value of a coordinate of the search."""
@@ -142,6 +145,10 @@ def problem_of(drive: Drive, known: Known) -> Problem:
     if known.yaw_inertia_kg_m2 and known.mass_kg:
         arms_m2 = share * (1.0 - share) * wheelbase_m**2
         inertia = known.yaw_inertia_kg_m2 / known.mass_kg / arms_m2
+
+    def unsure_s(other: Channel) -> float:
+        return float(np.hypot(drive.outputs[0].unsure_s, other.unsure_s))
+
     parameters = [
         _log("wheelbase_m", "m", 0.1, 15.0, wheelbase_m),
         _log("front_c", "1/rad", 1.0, 150.0, 15.0),
@@ -149,7 +156,7 @@ def problem_of(drive: Drive, known: Known) -> Problem:
         _log("inertia", "1", 0.2, 4.0, inertia),
         _log("friction", "1", 0.05, FRICTION_MAX, 1.0),
         _log("relaxation_m", "m", 0.005, 4.0, 0.4),
-        Parameter("delay_and_lag_s", "s", -0.15, 0.9, 0.03, 0.02),
+        Parameter("delay_and_lag_s", "s", -0.15, 0.9, 0.03, 0.02, unsure=unsure_s(drive.steering)),
         Parameter("lag_squared_s2", "s2", 0.0, 0.36, 4e-4, 4e-4),
         _log("steering_ratio", "1", 0.2, 80.0, ratio),
         Parameter("steering_offset_rad", "rad", -1.0, 1.0, 0.0, 0.005),
@@ -163,7 +170,9 @@ def problem_of(drive: Drive, known: Known) -> Problem:
         parameters += [
             Parameter(f"{sensor.name}:offset", "", -3.0, 3.0, 0.0, 0.1 * offset, deviation=offset),
             Parameter(f"{sensor.name}:gain", "1", 0.5, 1.5, 1.0, 0.02, deviation=gain),
-            Parameter(f"{sensor.name}:delay_s", "s", -0.3, 0.3, 0.0, 0.01),
+            Parameter(
+                f"{sensor.name}:delay_s", "s", -0.3, 0.3, 0.0, 0.01, unsure=unsure_s(sensor)
+            ),
         ]
     wheelbase = _log("wheelbase_m", "m", 0.1, 15.0, wheelbase_m, _WHEELBASE_SPREAD)
     gravity = Parameter(
@@ -212,6 +221,7 @@ def car_tables(values: Mapping[str, float], known: Known) -> tuple[VehicleSettin
         rear_axle_distance_m=rear_m,
     )
     car = CarSettings(
+        tyre=known.tyre,
         friction=values["friction"],
         cg_height_m=known.cg_height_m,
         front_relaxation_m=values["relaxation_m"],

@@ -2,11 +2,15 @@
 
 A channel is what one sensor measured. Channels need not share their times. A value more than
 ``SPIKE_DEVIATIONS`` away from the median of its neighbours is a spike and is left out; where time
-runs backwards or stands still for long, a segment ends.
+runs backwards or stands still for long, a segment ends. A table with a row for every 10 ms repeats
+the value of a slower sensor until the next one comes, which looks like a delay of half its period:
+only the first of such rows is a sample.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
+from fractions import Fraction
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +33,8 @@ SPEED_M_S_MIN = 1.0
 _EVEN_SAMPLES, _SAMPLES_MIN = 1000, 20
 """That are taken as even: a clock may drift from one such stretch to the next."""
 _JITTER_S = 2e-4
+_FAR_QUANTA, _HELD_SHARE = 3.0, 0.98
+"""A value that moves so far changes in each row, unless its sensor is slower; chosen."""
 SAMPLES_MAX = 2_000_000
 DURATION_S_MAX = 7200.0
 
@@ -48,12 +54,16 @@ OUTPUTS = (Quantity.YAW_RATE, Quantity.LATERAL_ACCELERATION)
 
 
 class Channel(NamedTuple):
-    """One sensor: times [s] and values in SI units, both of shape (n,), in the order of time."""
+    """One sensor: times [s] and values in SI units, both of shape (n,), in the order of time.
+
+    ``unsure_s``  standard deviation of the time between a sample and the row that shows it
+    """
 
     name: str
     quantity: Quantity
     time_s: FloatArray
     values: FloatArray
+    unsure_s: float = 0.0
 
     @property
     def period_s(self) -> float:
@@ -120,13 +130,37 @@ def without_spikes(channel: Channel) -> tuple[Channel, int]:
     return channel._replace(time_s=time_s[kept], values=values[kept]), int((~kept).sum())
 
 
-def evened(channel: Channel) -> tuple[Channel, float]:
+def without_repeats(channel: Channel) -> tuple[Channel, float]:
+    """Return the samples of a sensor that is slower than its rows, and its period; 0 if it is not.
+
+    A value that has not changed for several periods was sampled in each of them. Where the rows
+    are a multiple of the period, the time before each row is the same, but unknown.
+    """
+    time_s, values = channel.time_s, channel.values
+    firsts = np.flatnonzero(np.diff(values)) + 1
+    rows = np.diff(firsts)
+    far = np.abs(np.diff(values))[firsts[1:] - 1] >= _FAR_QUANTA * channel.quantum
+    if far.sum() < _SAMPLES_MIN or np.mean(rows[far] > 1) < _HELD_SHARE:
+        return channel, 0.0
+    usual = rows[far]
+    period = float(np.mean(usual[usual < 1.5 * np.median(usual)]))
+    counts = np.maximum(np.round(np.diff(firsts, append=len(values)) / period), 1.0).astype(int)
+    numbers = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    at = np.repeat(firsts, counts) + np.ceil(numbers * period).astype(int)
+    at = np.unique(np.minimum(at, len(values) - 1))
+    phases = Fraction(period).limit_denominator(5).denominator
+    unsure_s = channel.period_s / sqrt(12.0) / phases
+    kept = channel._replace(time_s=time_s[at], values=values[at], unsure_s=unsure_s)
+    return kept, period * channel.period_s
+
+
+def evened(channel: Channel, period_s: float) -> tuple[Channel, float]:
     """Return a channel as sensed in even steps, and by how much its times deviate from them [s].
 
     A log has the times at which samples came. Where even ones make the values smoother, these are
     taken, and otherwise the log's own, with a deviation of 0.
     """
-    time_s, values, period_s = channel.time_s, channel.values, channel.period_s
+    time_s, values = channel.time_s, channel.values
     ends = np.flatnonzero(np.diff(time_s) > max(GAP_S_MIN, GAP_PERIODS * period_s)) + 1
     ends = np.union1d(ends, np.arange(_EVEN_SAMPLES, len(time_s), _EVEN_SAMPLES))
     even_s = np.concatenate([_even_s(part, period_s) for part in np.split(time_s, ends)])
@@ -169,13 +203,16 @@ def make_drive(channels: Iterable[Channel], source: str) -> Drive:
     for channel in channels:
         if len(channel.time_s) > SAMPLES_MAX:
             raise SettingsError(f"{source}: {channel.name} has over {SAMPLES_MAX} samples: --to S")
-        kept, spikes = without_spikes(channel)
+        kept, held_s = without_repeats(channel)
+        if held_s:
+            notes.append(f"{channel.name}: has a sample in {1e3 * held_s:.0f} ms, repeated between")
+        kept, spikes = without_spikes(kept)
         if spikes:
             notes.append(f"{channel.name}: {spikes} spikes left out")
         if len(kept.time_s) > 1:
-            kept, jitter_s = evened(kept)
+            kept, jitter_s = evened(kept, held_s or kept.period_s)
             clean.append(kept)
-            if jitter_s > _JITTER_S:
+            if jitter_s > _JITTER_S and not held_s:
                 notes.append(f"{kept.name}: jitter of {1e3 * jitter_s:.1f} ms taken out")
     by_quantity: Mapping[Quantity, Sequence[Channel]] = {
         quantity: [one for one in clean if one.quantity is quantity] for quantity in Quantity

@@ -82,7 +82,7 @@ def vehicle_toml(found: Fit, figures: Sequence[Figure], speed_m_s: float, source
         if one.name in _BOX and one.verdict is Verdict.IDENTIFIED
     ]
     lines += ["", "[uncertainty]  # for design", *bounds]
-    lines += ["", "[car]", *(f"{key} = {getattr(car, key):.6g}" for key in _CAR)]
+    lines += ["", "[car]", f'tyre = "{car.tyre}"', *(f"{key} = {getattr(car, key):.6g}" for key in _CAR)]
     lines += ["", "[identified]", *(f"{key} = {values[key]:.6g}" for key in _KEYS)]
     lines.append(f"lateral_acceleration_ahead_m = {known.lateral_acceleration_ahead_m:g}")
     return "\n".join(lines) + "\n"
@@ -93,10 +93,10 @@ def figure_line(figure: Figure) -> str:
     note = f" {figure.note}" if figure.verdict is Verdict.COMBINATION else ""
     advice = f": {figure.note}" if figure.verdict is Verdict.NOT_IDENTIFIABLE else ""
     unit = "" if figure.unit == "1" else f" {figure.unit}"
-    return (
-        f"{figure.name} {figure.value:.4g} [{figure.low:.4g}, {figure.high:.4g}]{unit},"
-        f" {figure.verdict}{note}{advice}"
-    )
+    is_bound = figure.unit == "s" and figure.low == 0.0
+    interval = f"{figure.value:.4g} [{figure.low:.4g}, {figure.high:.4g}]"
+    found = f"at most {figure.high:.4g}" if is_bound else interval
+    return f"{figure.name} {found}{unit}, {figure.verdict}{note}{advice}"
 
 
 def read_vehicle(file: Path) -> IdentifiedVehicle:
@@ -123,6 +123,7 @@ def read_vehicle(file: Path) -> IdentifiedVehicle:
     known = Known(
         mass_kg=mass_kg,
         cg_height_m=car.cg_height_m,
+        tyre=car.tyre,
         lateral_acceleration_ahead_m=own.lateral_acceleration_ahead_m,
     )
     return IdentifiedVehicle(values, known)

@@ -65,7 +65,7 @@ def test_jitter_and_losses_leave_even_times(share_lost) -> None:
     there = rng.uniform(size=len(TIME_S)) >= share_lost
     came_s = np.maximum.accumulate(TIME_S + late_s + 1e-7 * np.arange(len(TIME_S)))[there]
     wave = np.sin(2.0 * np.pi * 1.5 * TIME_S)[there]
-    even, jitter_s = evened(channel(Quantity.YAW_RATE, wave, came_s))
+    even, jitter_s = evened(channel(Quantity.YAW_RATE, wave, came_s), 0.01)
     assert jitter_s == pytest.approx(late_s.std(), rel=0.1)
     assert np.std(even.time_s - TIME_S[there]) < 5e-4
 
@@ -73,7 +73,7 @@ def test_jitter_and_losses_leave_even_times(share_lost) -> None:
 def test_times_that_are_uneven_in_truth_are_kept() -> None:
     uneven_s = np.sort(TIME_S + np.random.default_rng(1).uniform(0.0, 0.005, len(TIME_S)))
     wave = channel(Quantity.YAW_RATE, np.sin(2.0 * np.pi * 1.5 * uneven_s), uneven_s)
-    assert evened(wave) == (wave, 0.0)
+    assert evened(wave, 0.01) == (wave, 0.0)
 
 
 def test_a_wheel_that_is_never_turned_is_refused() -> None:
