@@ -15,7 +15,6 @@ A mapping is TOML with a table for each column that is read:
 
 import math
 import re
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -37,15 +36,9 @@ _UNITS: Mapping[Quantity | None, Mapping[str, float]] = {
     Quantity.YAW_RATE: _RATE,
     Quantity.LATERAL_ACCELERATION: {"m_s2": 1.0, "g": 9.80665},
 }
-"""Units of each quantity, and of time, with what makes them SI."""
-_BASES: Mapping[str, Quantity | None] = {
-    "time": None,
-    "hand_wheel": Quantity.HAND_WHEEL,
-    "wheel_angle": Quantity.WHEEL,
-    "steer": Quantity.COMMAND,
-    "speed": Quantity.SPEED,
-    "yaw_rate": Quantity.YAW_RATE,
-    "lateral_acceleration": Quantity.LATERAL_ACCELERATION,
+"""Units of each quantity, and of time, with what makes them SI; first is that of its name."""
+_BASES: Mapping[str, Quantity | None] = {"time": None} | {
+    one.removesuffix(f"_{next(iter(_UNITS[one]))}"): one for one in Quantity
 }
 _GUESSES = (
     ("time_s", r"^(time|t|timestamp|stamp|elapsed)\b|time"),
@@ -75,7 +68,8 @@ class ColumnsSettings(Settings):
 def read_columns(file: Path, mapping: Path | None = None) -> list[Channel]:
     """Return the channels of a table; raises SettingsError."""
     names = column_names(file)
-    wanted = _mapped(mapping, names, file) if mapping else _by_name(names)
+    by_name = {name: role for name in names if (role := _role(name))}
+    wanted = _mapped(mapping, names, file) if mapping else by_name
     if not any(quantity is None for quantity, _ in wanted.values()):
         raise SettingsError(
             f"{file}: has no column time_s; it has {', '.join(names[:12])}:"
@@ -86,18 +80,21 @@ def read_columns(file: Path, mapping: Path | None = None) -> list[Channel]:
         raise SettingsError(f"{file}: has no row below its heading")
     if len(rows) > _ROWS_MAX:
         raise SettingsError(f"{file}: has over {_ROWS_MAX} rows: cut it")
-    numbers = np.array([*convert_cells(file, rows, _number, "numbers")])
-    columns = {name: numbers[:, at] * wanted[name][1] for at, name in enumerate(layout)}
+    cells = convert_cells(file, rows, lambda text: float(text or "nan"), "numbers")
+    columns = dict(zip(layout, np.array([*cells]).T, strict=True))
     clock = next(name for name, (quantity, _) in wanted.items() if quantity is None)
     timed = np.isfinite(columns[clock])
     if timed.sum() < 2:
         raise SettingsError(f"{file}: {clock} has no times")
-    time_s, _ = continuous(columns[clock][timed])
-    return [
-        _held_once(Channel(name, quantity, time_s, columns[name][timed]))
-        for name, (quantity, _) in wanted.items()
-        if quantity is not None
-    ]
+    time_s, _ = continuous(columns[clock][timed] * wanted[clock][1])
+    channels = []
+    for name, (quantity, factor) in wanted.items():
+        values = columns[name][timed] * factor
+        # Sensors may have rows of their own, with blanks for the others.
+        known = np.isfinite(values)
+        if quantity is not None:
+            channels.append(Channel(name, quantity, time_s[known], values[known]))
+    return channels
 
 
 def is_table(file: Path) -> bool:
@@ -106,16 +103,6 @@ def is_table(file: Path) -> bool:
         return False
     names = column_names(file)
     return "arbitration_id" not in names and len(names) > 1
-
-
-def _number(text: str) -> float:
-    return float(text) if text else math.nan
-
-
-def _held_once(channel: Channel) -> Channel:
-    """Return a channel without the blanks of a table in which sensors have rows of their own."""
-    known = np.isfinite(channel.values)
-    return channel._replace(time_s=channel.time_s[known], values=channel.values[known])
 
 
 def _role(name: str) -> tuple[Quantity | None, float] | None:
@@ -128,11 +115,6 @@ def _role(name: str) -> tuple[Quantity | None, float] | None:
     return None
 
 
-def _by_name(names: Sequence[str]) -> dict[str, tuple[Quantity | None, float]]:
-    roles = {name: _role(name) for name in names}
-    return {name: role for name, role in roles.items() if role is not None}
-
-
 def _mapped(
     mapping: Path, names: Sequence[str], file: Path
 ) -> dict[str, tuple[Quantity | None, float]]:
@@ -141,7 +123,8 @@ def _mapped(
     for name, one in settings.columns.items():
         role = _role(name)
         if role is None:
-            raise SettingsError(f"{mapping}: columns.{name}: allowed are {', '.join(_allowed())}")
+            allowed = ", ".join(["time_s", *Quantity])
+            raise SettingsError(f"{mapping}: columns.{name}: allowed are {allowed}")
         units, unit = _UNITS[role[0]], one.unit.replace("/", "_").replace("²", "2")
         if unit not in units:
             raise SettingsError(
@@ -151,10 +134,6 @@ def _mapped(
             raise SettingsError(f"{mapping}: columns.{name}.column: {file} has no {one.column!r}")
         wanted[one.column.lower()] = role[0], units[unit] * one.factor
     return wanted
-
-
-def _allowed() -> list[str]:
-    return ["time_s", *Quantity]
 
 
 def proposed_mapping(file: Path) -> str:
@@ -183,17 +162,14 @@ def _unit_line(role: str, column: str) -> str:
 
 def joined(drives: Sequence[Sequence[Channel]]) -> list[Channel]:
     """Return the channels of several drives, one after the other in time."""
-    parts, end_s = defaultdict[str, list[Channel]](list), 0.0
+    whole, end_s = dict[str, Channel](), 0.0
     for drive in drives:
         shift_s = end_s - min(float(one.time_s[0]) for one in drive if len(one.time_s))
         for one in drive:
-            parts[one.name].append(one._replace(time_s=one.time_s + shift_s))
-        last = (part[-1].time_s for part in parts.values())
-        end_s = max(float(time_s[-1]) for time_s in last if len(time_s)) + PAUSE_S
-    return [
-        part[0]._replace(
-            time_s=np.concatenate([one.time_s for one in part]),
-            values=np.concatenate([one.values for one in part]),
-        )
-        for part in parts.values()
-    ]
+            before = whole.get(one.name, one._replace(time_s=np.empty(0), values=np.empty(0)))
+            whole[one.name] = before._replace(
+                time_s=np.append(before.time_s, one.time_s + shift_s),
+                values=np.append(before.values, one.values),
+            )
+        end_s = PAUSE_S + max(float(one.time_s[-1]) for one in whole.values() if len(one.time_s))
+    return list(whole.values())

@@ -11,7 +11,6 @@ from ...controller.analysis.check_figures import loop_around
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import PRESETS, ControllerSettings
-from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ...runtime.settings import SharedTable, load_settings, read_preset
@@ -69,14 +68,9 @@ def delay_margin(
     most = int(np.argmax(shares))
     # Of 40, the second and the last but one lie near the ends of 95 %.
     low_s, high_s = np.sort(margins_s)[[1, -2]]
-    return DelayMargin(
-        name,
-        margin_s,
-        float(min(low_s, margin_s)),
-        float(max(high_s, margin_s)),
-        found.problem.coordinates[most].name,
-        float(shares[most]),
-    )
+    ends = float(min(low_s, margin_s)), float(max(high_s, margin_s))
+    narrows = found.problem.coordinates[most].name
+    return DelayMargin(name, margin_s, *ends, narrows, float(shares[most]))
 
 
 def _draws(found: Fit) -> FloatArray:
@@ -91,8 +85,7 @@ def _draws(found: Fit) -> FloatArray:
 
 def _nominal(found: Fit, x: FloatArray, speed_m_s: float) -> NominalVehicle:
     vehicle, _ = car_tables(found.problem.values(x), found.problem.known)
-    names = set(NominalVehicle._fields) & set(VehicleSettings.model_fields)
-    values = {name: getattr(vehicle, name) for name in names}
+    values = vehicle.model_dump(include=set(NominalVehicle._fields))
     return NominalVehicle(**{**values, "speed_m_s": speed_m_s})
 
 

@@ -10,7 +10,7 @@ Stiffness and inertia are per kilogram. Lengths scale with the wheelbase where t
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from math import inf, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,12 +88,11 @@ class _Quantity(NamedTuple):
 def _quantities(problem: Problem) -> list[_Quantity]:
     known, names = problem.known, {one.name for one in problem.coordinates}
 
-    def arm(v: Mapping[str, float], of_front: bool) -> float:
-        share = v["front_share"]
-        return v["wheelbase_m"] * (share if of_front else 1.0 - share)
-
     def inertia(v: Mapping[str, float]) -> float:
-        return v["inertia"] * arm(v, True) * arm(v, False)
+        return v["inertia"] * v["front_share"] * (1.0 - v["front_share"]) * v["wheelbase_m"] ** 2
+
+    def itself(name: str, unit: str, source: str = "") -> _Quantity:
+        return _Quantity(name, unit, lambda v: v[name], source)
 
     found = [
         _Quantity(
@@ -109,23 +108,22 @@ def _quantities(problem: Problem) -> list[_Quantity]:
             lambda v: v["rear_c"] * _G_M_S2 * v["front_share"], "rear_c",
         ),
         _Quantity("yaw_inertia_per_mass_m2", "m2", inertia, "inertia"),
-        _Quantity("friction", "1", lambda v: v["friction"], "friction"),
-        _Quantity("relaxation_m", "m", lambda v: v["relaxation_m"], "relaxation_m"),
-        _Quantity("delay_and_lag_s", "s", lambda v: v["delay_and_lag_s"], "delay_and_lag_s"),
+        itself("friction", "1", "friction"),
+        itself("relaxation_m", "m", "relaxation_m"),
+        itself("delay_and_lag_s", "s", "delay_and_lag_s"),
         _Quantity("lag_s", "s", lambda v: sqrt(v["lag_squared_s2"]), "lag_squared_s2"),
         _Quantity(
             "dead_time_s", "s", lambda v: v["delay_and_lag_s"] - sqrt(v["lag_squared_s2"])
         ),
-        _Quantity("steering_ratio", "1", lambda v: v["steering_ratio"], "steering_ratio"),
-        _Quantity("wheelbase_m", "m", lambda v: v["wheelbase_m"], "wheelbase_m"),
-        _Quantity("steering_offset_rad", "rad", lambda v: v["steering_offset_rad"]),
-        _Quantity("yaw_rate_offset_rad_s", "rad/s", lambda v: v["yaw_rate_offset_rad_s"]),
+        itself("steering_ratio", "1", "steering_ratio"),
+        itself("wheelbase_m", "m", "wheelbase_m"),
+        itself("steering_offset_rad", "rad"),
+        itself("yaw_rate_offset_rad_s", "rad/s"),
     ]  # fmt: skip
     for name in problem.sensors[1:]:
         offset_unit = "m/s2" if name.startswith("lateral") else "rad/s"
-        for kind, unit in (("delay_s", "s"), ("gain", "1"), ("offset", offset_unit)):
-            key = f"{name}:{kind}"
-            found.append(_Quantity(key, unit, lambda v, key=key: v[key]))  # type: ignore[misc]
+        units = {"delay_s": "s", "gain": "1", "offset": offset_unit}
+        found += [itself(f"{name}:{kind}", unit) for kind, unit in units.items()]
     if {"steering_ratio", "wheelbase_m"} <= names:
         found.append(
             _Quantity(
@@ -133,9 +131,8 @@ def _quantities(problem: Problem) -> list[_Quantity]:
                 lambda v: v["steering_ratio"] * v["wheelbase_m"],
             )
         )  # fmt: skip
-    fixed = problem.held.keys() - {"front_share"}
-    if known.yaw_inertia_kg_m2 is not None:
-        fixed = fixed | {"yaw_inertia_per_mass_m2"}
+    told = {"yaw_inertia_per_mass_m2"} if known.yaw_inertia_kg_m2 is not None else set()
+    fixed = problem.held.keys() | told
     return [one for one in found if one.name not in fixed]
 
 
@@ -150,6 +147,9 @@ def figures_of(
     ``others``  fits of models that may be as right: each interval covers theirs, too
     """
     figures, bounds = [], _Bounds(found, judged, progress)
+    # Of two factors turning shows the product alone.
+    pair = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
+    factors = pair if "wheelbase_m" in {one.name for one in found.problem.assumed} else {}
     for quantity in _quantities(found.problem):
         value, slope = quantity.function(found.values), _slope(found, quantity)
         low, high = _ends(found, quantity, slope)
@@ -167,18 +167,13 @@ def figures_of(
         enough = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
         enough = _ENOUGH.get(quantity.name, enough)
         note, verdict = "", Verdict.IDENTIFIED
-        assumed = {one.name for one in found.problem.assumed}
-        pair = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
-        is_product = "wheelbase_m" in assumed and quantity.name in pair
-        if is_product or not high - low <= 2.0 * enough:
-            partner = (
-                pair[quantity.name] if is_product else _partner(found, quantity, slope, enough)
-            )
+        partner = factors.get(quantity.name, "")
+        if partner or not high - low <= 2.0 * enough:
+            partner = partner or _partner(found, quantity, slope, enough)
             verdict = Verdict.COMBINATION if partner else Verdict.NOT_IDENTIFIABLE
             note = f"with {partner}" if partner else _ADVICE.get(quantity.name, _SWEEP)
-        figures.append(
-            Figure(quantity.name, quantity.unit, value, float(low), float(high), verdict, note)
-        )
+        ends = float(low), float(high)
+        figures.append(Figure(quantity.name, quantity.unit, value, *ends, verdict, note))
     return figures
 
 
@@ -235,14 +230,12 @@ class _Bounds(NamedTuple):
             # Of a product the profile of one factor tells no more than whether there is an end.
             return (-inf if lowest == -inf else low, inf if highest == inf else high)
         values = self.found.values
-        ends = []
-        for end, none in ((lowest, -inf), (highest, inf)):
-            if abs(end) == inf:
-                ends.append(0.0 if none < 0.0 and quantity.source == "lag_squared_s2" else none)
-            else:
-                moved = {**values, quantity.source: parameter.value(end)}
-                ends.append(quantity.function(moved))
-        return min(ends), max(ends)
+        lower, higher = (
+            end if abs(end) == inf
+            else quantity.function({**values, quantity.source: parameter.value(end)})
+            for end in (lowest, highest)
+        )  # fmt: skip
+        return lower, higher
 
 
 def _half(found: Fit, at: int) -> float:
@@ -253,15 +246,12 @@ def _half(found: Fit, at: int) -> float:
 def _slope(found: Fit, quantity: _Quantity) -> FloatArray:
     """Return the derivatives of a quantity by the coordinates, shape (p,)."""
     slope = np.zeros(len(found.x))
-    for at, parameter in enumerate(found.problem.coordinates):
-        step = 1e-4 * parameter.scale
-        ends: list[Any] = []
-        for sign in (1.0, -1.0):
-            x = found.x.copy()
-            x[at] = min(max(x[at] + sign * step, parameter.low), parameter.high)
-            ends.append((quantity.function(found.problem.values(x)), x[at]))
-        (above, x_above), (below, x_below) = ends
-        slope[at] = (above - below) / (x_above - x_below)
+    for at, one in enumerate(found.problem.coordinates):
+        places = found.x[at] + 1e-4 * one.scale * np.array([-1.0, 1.0])
+        below, above = found.x.copy(), found.x.copy()
+        below[at], above[at] = np.clip(places, one.low, one.high)
+        values = (quantity.function(found.problem.values(x)) for x in (above, below))
+        slope[at] = (next(values) - next(values)) / (above[at] - below[at])
     return slope
 
 

@@ -62,8 +62,7 @@ def identify(
 
     ``is_brief``  without doubts
     """
-    notes = list(drive.notes)
-    grid = grid_of(drive)
+    notes, grid = list(drive.notes), grid_of(drive)
     _refuse_wrong_sign(drive)
     samples, problem = samples_of(drive, grid), problem_of(drive, known)
     found, found_all = fit(problem.seeking(), grid, samples, progress), None
@@ -142,50 +141,38 @@ def _doubts(
     found: Fit, grid: Grid, samples: Sequence[Samples], residual: float, progress: Progress
 ) -> list[Doubt]:
     """Return the tests: simpler models, whiteness, and correlation with the input."""
-    doubts = []
-    names = {one.name for one in found.problem.parameters}
-    plain = max(1.0, float(np.median(np.diagonal(found.covariance)[: len(names)]
-                                     / np.diagonal(found.plain)[: len(names)])))  # fmt: skip
-    for what, name, value in (
-        ("linear tyres", "friction", FRICTION_MAX),
-        ("no relaxation", "relaxation_m", 0.005),
-        ("neither lag nor dead time", "delay_and_lag_s", 0.0),
+    doubts, sought = [], [one.name for one in found.problem.parameters]
+    widened = np.diagonal(found.covariance) / np.diagonal(found.plain)
+    allowed = found.critical**2 * max(1.0, float(np.median(widened[: len(sought)])))
+    for what, held in (
+        ("linear tyres", {"friction": FRICTION_MAX}),
+        ("no relaxation", {"relaxation_m": 0.005}),
+        ("neither lag nor dead time", {"delay_and_lag_s": 0.0, "lag_squared_s2": 0.0}),
     ):
-        if name not in names:
+        if not held.keys() <= set(sought):
             continue
-        held = {name: value} | ({"lag_squared_s2": 0.0} if name == "delay_and_lag_s" else {})
         try:
             simpler = refit((grid, samples), held, found, progress, 1e-3)
         except Stopped:
             break
-        is_worse = simpler.cost - found.cost > found.critical**2 * plain
+        verdict = "refused" if simpler.cost - found.cost > allowed else "not refused"
         percent = residuals_percent(samples[0], simpler.errors[0])
         result = f"residual {percent:.2f} % instead of {residual:.2f} %"
-        doubts.append(Doubt(f"{what}{': refused' if is_worse else ': not refused'}", result, True))
-    alike = max(map(samples_alike, found.errors))
-    white = not _is_coloured(found)
-    doubts.append(
-        Doubt(
-            "errors are white" if white else "errors are not white: intervals are widened for it",
-            f"{alike:.1f} in a row tell as much as one",
-            white,
-        )
-    )
-    steering = np.interp(
-        samples[0].place, np.arange(len(grid.steering_rad)), grid.steering_rad
-    )  # fmt: skip
+        doubts.append(Doubt(f"{what}: {verdict}", result, True))
+    alike, white = max(map(samples_alike, found.errors)), not _is_coloured(found)
+    what = "errors are white" if white else "errors are not white: intervals are widened for it"
+    doubts.append(Doubt(what, f"{alike:.1f} in a row tell as much as one", white))
+    steps = np.arange(len(grid.steering_rad))
+    steering = np.interp(samples[0].place, steps, grid.steering_rad)
     largest = _cross_correlation(found.errors[0], steering)
     bound = min(3.0 * float(np.sqrt(alike / len(found.errors[0]))), 0.5)
-    doubts.append(
-        Doubt(
-            "errors and steering do not correlate"
-            if largest < bound
-            else "errors correlate with the steering: the model lacks something",
-            f"at most {largest:.2f} within 1 s, chance below {bound:.2f}",
-            largest < bound,
-        )
+    what = (
+        "errors and steering do not correlate"
+        if largest < bound
+        else "errors correlate with the steering: the model lacks something"
     )
-    return doubts
+    result = f"at most {largest:.2f} within 1 s, chance below {bound:.2f}"
+    return [*doubts, Doubt(what, result, largest < bound)]
 
 
 def _cross_correlation(errors: FloatArray, steering: FloatArray) -> float:
@@ -195,20 +182,9 @@ def _cross_correlation(errors: FloatArray, steering: FloatArray) -> float:
     return max(abs(float(e[lag:] @ u[: len(u) - lag])) / scale for lag in lags)
 
 
-def _turning(drive: Drive) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return time, steering, yaw rate and speed at the times of the first yaw rate."""
-    rate = drive.outputs[0]
-    steer = np.interp(rate.time_s, drive.steering.time_s, drive.steering.values)
-    speed = np.interp(rate.time_s, drive.speed.time_s, drive.speed.values)
-    return rate.time_s, steer, rate.values, speed
-
-
 def _refuse_wrong_sign(drive: Drive) -> None:
-    _, steer, rate, speed = _turning(drive)
-    turning = speed * (steer - steer.mean())
-    rate = rate - rate.mean()
-    correlation = float(turning @ rate) / float(np.sqrt((turning @ turning) * (rate @ rate)))
-    if correlation < -0.2:
+    steer, speed = drive.at_yaw_rates()
+    if np.corrcoef(speed * (steer - steer.mean()), drive.outputs[0].values)[0, 1] < -0.2:
         raise SettingsError(
             "the yaw rate goes against the wheel: both are positive to the left; give one of them"
             " factor = -1 in --columns"
@@ -264,11 +240,9 @@ def predict(drive: Drive, vehicle: IdentifiedVehicle) -> Prediction:
 
     The delay of the log is corrected where it clearly differs from that of the vehicle's own log.
     """
-    notes = list(drive.notes)
-    drive = _of_rates(drive)
-    grid = grid_of(drive)
+    notes, drive = list(drive.notes), _of_rates(drive)
+    grid, problem = grid_of(drive), problem_of(drive, vehicle.known)
     samples = samples_of(drive, grid)
-    problem = problem_of(drive, vehicle.known)
     found = fit(prediction_problem(problem, vehicle), grid, samples)
     shifted = fit(prediction_problem(problem, vehicle, "delay_and_lag_s"), grid, samples)
     shift_s = shifted.values["delay_and_lag_s"] - vehicle.values["delay_and_lag_s"]

@@ -126,8 +126,8 @@ class Problem(NamedTuple):
 
     def seeking(self) -> "Problem":
         """Return the problem with what is assumed sought too, with its prior."""
-        held = {key: value for key, value in self.held.items()
-                if key not in {one.name for one in self.assumed}}  # fmt: skip
+        its = {one.name for one in self.assumed}
+        held = {key: value for key, value in self.held.items() if key not in its}
         return self._replace(parameters=self.coordinates, assumed=(), held=held)
 
     def place(self, name: str) -> int:
@@ -170,39 +170,30 @@ def problem_of(drive: Drive, known: Known) -> Problem:
         parameters += [
             Parameter(f"{sensor.name}:offset", "", -3.0, 3.0, 0.0, 0.1 * offset, deviation=offset),
             Parameter(f"{sensor.name}:gain", "1", 0.5, 1.5, 1.0, 0.02, deviation=gain),
-            Parameter(
-                f"{sensor.name}:delay_s", "s", -0.3, 0.3, 0.0, 0.01, unsure=unsure_s(sensor)
-            ),
+            Parameter(f"{sensor.name}:delay_s", "s", -0.3, 0.3, 0.0, 0.01, unsure=unsure_s(sensor)),
         ]
-    wheelbase = _log("wheelbase_m", "m", 0.1, 15.0, wheelbase_m, _WHEELBASE_SPREAD)
-    gravity = Parameter(
-        "front_share", "1", 0.2, 0.8, share, 0.02, deviation=_FRONT_SHARE_SPREAD
-    )  # fmt: skip
-    assumed = [gravity] if known.front_axle_distance_m is None else []
-    held = {"front_share": share}
+    assumed, held = [], {"front_share": share}
+    if known.front_axle_distance_m is None:
+        spread = _FRONT_SHARE_SPREAD
+        assumed.append(Parameter("front_share", "1", 0.2, 0.8, share, 0.02, deviation=spread))
     if sees_wheel or known.steering_ratio is not None:
         held["steering_ratio"] = 1.0 if sees_wheel else ratio
     elif known.wheelbase_m is None:
         # Turning shows their product alone.
-        assumed.append(wheelbase)
+        assumed.append(_log("wheelbase_m", "m", 0.1, 15.0, wheelbase_m, _WHEELBASE_SPREAD))
         held["wheelbase_m"] = wheelbase_m
-    if known.wheelbase_m is not None:
-        held["wheelbase_m"] = known.wheelbase_m
-    if known.friction is not None:
-        held["friction"] = known.friction
-    if known.yaw_inertia_kg_m2 is not None:
-        held["inertia"] = inertia
+    told = {key: getattr(known, key) for key in ("wheelbase_m", "friction")}
+    told["inertia"] = inertia if known.yaw_inertia_kg_m2 else None
+    held |= {key: value for key, value in told.items() if value is not None}
     sensors = tuple(one.name for one in drive.outputs)
     return Problem(tuple(parameters), tuple(assumed), {}, known, sensors).holding(held)
 
 
 def _ratio_from_turning(drive: Drive, wheelbase_m: float) -> float:
     """Return the ratio by which a car that does not slip would turn as measured."""
-    rate = drive.outputs[0]
-    steer = np.interp(rate.time_s, drive.steering.time_s, drive.steering.values)
-    speed = np.interp(rate.time_s, drive.speed.time_s, drive.speed.values)
-    turning = speed * (steer - np.median(steer))
-    slope = float(turning @ (rate.values - np.median(rate.values))) / float(turning @ turning)
+    steer, speed = drive.at_yaw_rates()
+    turning, rate = speed * (steer - np.median(steer)), drive.outputs[0].values
+    slope = float(turning @ (rate - np.median(rate))) / float(turning @ turning)
     return float(np.clip(0.8 / max(slope * wheelbase_m, 1e-3), 0.3, 70.0))
 
 

@@ -85,28 +85,21 @@ def identify_steering(
     lag_s, dead_s, play_rad = found.x * scale
     fastest = float(np.nanmax(np.abs(np.diff(wheel))) / period_s)
     unexplained = float(spread * _QUANTUM_RAD / np.nanstd(wheel))
+    lag_half, dead_half, play_half = half.tolist()
+    dead_mean_s, dead_low_s = max(dead_s - 0.5 * period_s, 0.0), dead_s - dead_half - period_s
     figures = [
-        _figure(
-            "lag_s", "s", lag_s, max(lag_s - half[0], 0.0), lag_s + half[0],
-            max(0.1 * lag_s, 0.5 * period_s),
-        ),
-        _figure(
-            "dead_time_s", "s", max(dead_s - 0.5 * period_s, 0.0),
-            max(dead_s - half[1] - period_s, 0.0), dead_s + half[1], period_s,
-        ),
-        _figure(
-            "delay_and_lag_s", "s", lag_s + max(dead_s - 0.5 * period_s, 0.0),
-            max(lag_s + dead_s - period_s - half[1], 0.0), lag_s + dead_s + half[1], period_s,
-        ),
-        _figure(
-            "dead_band_rad", "rad", play_rad, max(play_rad - half[2], 0.0), play_rad + half[2], 2e-4
-        ),
+        _figure("lag_s", lag_s, lag_s - lag_half, lag_s + lag_half,
+                max(0.1 * lag_s, 0.5 * period_s)),
+        _figure("dead_time_s", dead_mean_s, dead_low_s, dead_s + dead_half, period_s),
+        _figure("delay_and_lag_s", lag_s + dead_mean_s, lag_s + dead_low_s,
+                lag_s + dead_s + dead_half, period_s),
+        _figure("dead_band_rad", play_rad, play_rad - play_half, play_rad + play_half, 2e-4),
         Figure(
             "rate_limit_rad_s", "rad/s", fastest, fastest, np.inf, Verdict.NOT_IDENTIFIABLE,
             "only the fastest motion seen; command a large step to find the limit",
         ),
     ]  # fmt: skip
-    table = {"lag_s": float(lag_s), "dead_time_s": max(float(dead_s) - 0.5 * period_s, 0.0)}
+    table = {"lag_s": float(lag_s), "dead_time_s": float(dead_mean_s)}
     if play_rad - half[2] > 0.0:
         table["dead_band_rad"] = float(play_rad)
     notes = []
@@ -116,9 +109,7 @@ def identify_steering(
             " or rate before the wheel acts, which is on no frame; log the guard's output"
         )
         notes.append(f"steering: {why}")
-        figures = [
-            one._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=why) for one in figures
-        ]  # fmt: skip
+        figures = [one._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=why) for one in figures]
     return Steering(figures, table, notes)
 
 
@@ -128,10 +119,11 @@ def _differences(errors: Callable[[FloatArray], FloatArray], x: FloatArray) -> F
     return np.column_stack([(errors(x + 0.01 * row) - here) / 0.01 for row in np.eye(len(x))])
 
 
-def _figure(name: str, unit: str, value: float, low: float, high: float, enough: float) -> Figure:
+def _figure(name: str, value: float, low: float, high: float, enough: float) -> Figure:
+    low = max(low, 0.0)
     sure = high - low <= 2.0 * enough + 1e-9
     verdict = Verdict.IDENTIFIED if sure else Verdict.NOT_IDENTIFIABLE
-    note = "" if sure else "command steps of the wheel"
+    note, unit = "" if sure else "command steps of the wheel", name.rpartition("_")[2]
     return Figure(f"actuator:{name}", unit, float(value), float(low), float(high), verdict, note)
 
 

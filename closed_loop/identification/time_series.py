@@ -7,7 +7,7 @@ the value of a slower sensor until the next one comes, which looks like a delay 
 only the first of such rows is a sample.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from fractions import Fraction
 from math import sqrt
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from ...runtime.array_types import FloatArray
+from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import SettingsError
 
 SPIKE_DEVIATIONS = 12.0
@@ -50,9 +50,6 @@ class Quantity(StrEnum):
     COMMAND = "steer_rad"
 
 
-OUTPUTS = (Quantity.YAW_RATE, Quantity.LATERAL_ACCELERATION)
-
-
 class Channel(NamedTuple):
     """One sensor: times [s] and values in SI units, both of shape (n,), in the order of time.
 
@@ -69,6 +66,10 @@ class Channel(NamedTuple):
     def period_s(self) -> float:
         """The median time between samples."""
         return float(np.median(np.diff(self.time_s)))
+
+    def gaps(self) -> IntArray:
+        """Return the samples before a silence that ends a segment."""
+        return np.flatnonzero(np.diff(self.time_s) > max(GAP_S_MIN, GAP_PERIODS * self.period_s))
 
     @property
     def quantum(self) -> float:
@@ -91,10 +92,11 @@ class Drive(NamedTuple):
     segments: tuple[tuple[float, float], ...]
     notes: tuple[str, ...]
 
-    @property
-    def duration_s(self) -> float:
-        """Of all segments together."""
-        return sum(end - start for start, end in self.segments)
+    def at_yaw_rates(self) -> tuple[FloatArray, FloatArray]:
+        """Return steering and speed at the samples of the first yaw rate."""
+        at_s = self.outputs[0].time_s
+        steering = np.interp(at_s, self.steering.time_s, self.steering.values)
+        return steering, np.interp(at_s, self.speed.time_s, self.speed.values)
 
 
 def continuous(time_s: FloatArray) -> tuple[FloatArray, list[float]]:
@@ -161,8 +163,7 @@ def evened(channel: Channel, period_s: float) -> tuple[Channel, float]:
     taken, and otherwise the log's own, with a deviation of 0.
     """
     time_s, values = channel.time_s, channel.values
-    ends = np.flatnonzero(np.diff(time_s) > max(GAP_S_MIN, GAP_PERIODS * period_s)) + 1
-    ends = np.union1d(ends, np.arange(_EVEN_SAMPLES, len(time_s), _EVEN_SAMPLES))
+    ends = np.union1d(channel.gaps() + 1, np.arange(_EVEN_SAMPLES, len(time_s), _EVEN_SAMPLES))
     even_s = np.concatenate([_even_s(part, period_s) for part in np.split(time_s, ends)])
     # Two stretches may disagree by a sample where they meet.
     kept = np.diff(np.maximum.accumulate(even_s), prepend=-np.inf) > 0.5 * period_s
@@ -214,22 +215,22 @@ def make_drive(channels: Iterable[Channel], source: str) -> Drive:
             clean.append(kept)
             if jitter_s > _JITTER_S and not held_s:
                 notes.append(f"{kept.name}: jitter of {1e3 * jitter_s:.1f} ms taken out")
-    by_quantity: Mapping[Quantity, Sequence[Channel]] = {
-        quantity: [one for one in clean if one.quantity is quantity] for quantity in Quantity
-    }
-    steering = [*by_quantity[Quantity.WHEEL], *by_quantity[Quantity.HAND_WHEEL]]
+
+    def of(*quantities: Quantity) -> list[Channel]:
+        return [one for it in quantities for one in clean if one.quantity is it]
+
+    steering, speeds = of(Quantity.WHEEL, Quantity.HAND_WHEEL), of(Quantity.SPEED)
     wanted = {
         "hand_wheel_rad or wheel_angle_rad": steering,
-        "speed_m_s": by_quantity[Quantity.SPEED],
-        "yaw_rate_rad_s": by_quantity[Quantity.YAW_RATE],
+        "speed_m_s": speeds,
+        "yaw_rate_rad_s": of(Quantity.YAW_RATE),
     }
     if missing := [name for name, found in wanted.items() if not found]:
         raise SettingsError(
             f"{source}: has no {' and no '.join(missing)}: name its column in --columns (see"
             " steer-by-wire identify new), or its signal in --dialect"
         )
-    outputs = [one for quantity in OUTPUTS for one in by_quantity[quantity]]
-    speed = by_quantity[Quantity.SPEED][0]
+    outputs, speed = of(Quantity.YAW_RATE, Quantity.LATERAL_ACCELERATION), speeds[0]
     segments = _segments([steering[0], speed, outputs[0]], speed)
     if not segments:
         raise SettingsError(
@@ -247,8 +248,7 @@ def _segments(channels: Sequence[Channel], speed: Channel) -> list[tuple[float, 
     end = min(one.time_s[-1] for one in channels)
     gaps = [(-np.inf, float(start)), (float(end), np.inf)]
     for channel in channels:
-        longest_s = max(GAP_S_MIN, GAP_PERIODS * channel.period_s)
-        at = np.flatnonzero(np.diff(channel.time_s) > longest_s)
+        at = channel.gaps()
         gaps += zip(channel.time_s[at].tolist(), channel.time_s[at + 1].tolist(), strict=True)
     slow = np.flatnonzero(speed.values < SPEED_M_S_MIN)
     pause_s = speed.period_s

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+from ...controller.filters.nominal_model import NominalVehicle
 from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.settings import VehicleSettings
@@ -17,22 +18,6 @@ from .fit import Fit
 from .parameters import MASS_KG, Known, Problem, car_tables
 
 S = TypeVar("S", bound=Settings)
-_KEYS = (
-    "steering_ratio",
-    "steering_offset_rad",
-    "delay_and_lag_s",
-    "lag_squared_s2",
-    "yaw_rate_offset_rad_s",
-)
-_VEHICLE = (
-    "virtual_mass_kg",
-    "yaw_inertia_kg_m2",
-    "front_cornering_stiffness_n_rad",
-    "rear_cornering_stiffness_n_rad",
-    "front_axle_distance_m",
-    "rear_axle_distance_m",
-    "preview_distance_m",
-)
 _BOX = {
     "front_stiffness_per_mass_n_rad_kg": "front_cornering_stiffness_n_rad",
     "rear_stiffness_per_mass_n_rad_kg": "rear_cornering_stiffness_n_rad",
@@ -73,19 +58,26 @@ def vehicle_toml(found: Fit, figures: Sequence[Figure], speed_m_s: float, source
         f"# assumed: {one.name} = {one.value(one.start):.4g}" for one in found.problem.assumed
     ]
     lines += [f"# {figure_line(figure)}" for figure in figures if ":" not in figure.name]
-    lines += ["", "[vehicle]", f"speed_m_s = {speed_m_s:.4g}"]
-    lines += [f"{key} = {getattr(vehicle, key):.6g}" for key in _VEHICLE]
     mass_kg = vehicle.virtual_mass_kg
-    bounds = [
+    driven = vehicle.model_copy(update={"speed_m_s": round(speed_m_s, 2)})
+    own = IdentifiedSettings(
+        **{key: values[key] for key in IdentifiedSettings.model_fields if key in values},
+        lateral_acceleration_ahead_m=known.lateral_acceleration_ahead_m,
+    )
+    lines += _table_lines("vehicle", driven.model_dump(include=set(NominalVehicle._fields)))
+    lines += ["", "[uncertainty]  # for design"]
+    lines += [
         f"{_BOX[one.name]} = [{mass_kg * one.low:.6g}, {mass_kg * one.high:.6g}]"
         for one in figures
         if one.name in _BOX and one.verdict is Verdict.IDENTIFIED
     ]
-    lines += ["", "[uncertainty]  # for design", *bounds]
-    lines += ["", "[car]", f'tyre = "{car.tyre}"', *(f"{key} = {getattr(car, key):.6g}" for key in _CAR)]
-    lines += ["", "[identified]", *(f"{key} = {values[key]:.6g}" for key in _KEYS)]
-    lines.append(f"lateral_acceleration_ahead_m = {known.lateral_acceleration_ahead_m:g}")
+    lines += _table_lines("car", car.model_dump(include=set(_CAR)))
+    lines += [f'tyre = "{car.tyre}"', *_table_lines("identified", own.model_dump())]
     return "\n".join(lines) + "\n"
+
+
+def _table_lines(name: str, values: Mapping[str, float]) -> list[str]:
+    return ["", f"[{name}]", *(f"{key} = {value:.6g}" for key, value in values.items())]
 
 
 def figure_line(figure: Figure) -> str:
@@ -93,20 +85,22 @@ def figure_line(figure: Figure) -> str:
     note = f" {figure.note}" if figure.verdict is Verdict.COMBINATION else ""
     advice = f": {figure.note}" if figure.verdict is Verdict.NOT_IDENTIFIABLE else ""
     unit = "" if figure.unit == "1" else f" {figure.unit}"
-    is_bound = figure.unit == "s" and figure.low == 0.0
-    interval = f"{figure.value:.4g} [{figure.low:.4g}, {figure.high:.4g}]"
-    found = f"at most {figure.high:.4g}" if is_bound else interval
-    return f"{figure.name} {found}{unit}, {figure.verdict}{note}{advice}"
+    value, ends = shown(figure)
+    interval = f"{value} [{ends.replace(' to ', ', ')}]" if value else ends
+    return f"{figure.name} {interval}{unit}, {figure.verdict}{note}{advice}"
+
+
+def shown(figure: Figure) -> tuple[str, str]:
+    """Return value and interval; of a delay that may be none only what it is at most."""
+    if figure.unit == "s" and figure.low == 0.0:
+        return "", f"at most {figure.high:.4g}"
+    return f"{figure.value:.4g}", f"{figure.low:.4g} to {figure.high:.4g}"
 
 
 def read_vehicle(file: Path) -> IdentifiedVehicle:
     """Return the vehicle of a file that ``vehicle_toml`` made; raises SettingsError."""
-
-    vehicle, car, own = (
-        _table(file, "vehicle", VehicleSettings),
-        _table(file, "car", CarSettings),
-        _table(file, "identified", IdentifiedSettings),
-    )
+    vehicle = _table(file, "vehicle", VehicleSettings)
+    car, own = _table(file, "car", CarSettings), _table(file, "identified", IdentifiedSettings)
     front_m, rear_m = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
     mass_kg, wheelbase_m = vehicle.virtual_mass_kg, front_m + rear_m
     weight_n = GRAVITY_M_S2 * mass_kg / wheelbase_m
@@ -118,7 +112,7 @@ def read_vehicle(file: Path) -> IdentifiedVehicle:
         "inertia": vehicle.yaw_inertia_kg_m2 / (mass_kg * front_m * rear_m),
         "friction": car.friction,
         "relaxation_m": car.front_relaxation_m,
-        **{key: getattr(own, key) for key in _KEYS},
+        **own.model_dump(exclude={"lateral_acceleration_ahead_m"}),
     }
     known = Known(
         mass_kg=mass_kg,

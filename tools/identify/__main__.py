@@ -13,9 +13,9 @@ import argparse
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 
 from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
@@ -32,12 +32,7 @@ from steer_by_wire.closed_loop.identification.identified import Identification, 
 from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
 from steer_by_wire.closed_loop.identification.parameters import Known
 from steer_by_wire.closed_loop.identification.steering import Steering, identify_steering
-from steer_by_wire.closed_loop.identification.time_series import (
-    Channel,
-    Drive,
-    Quantity,
-    make_drive,
-)
+from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
 from steer_by_wire.closed_loop.identification.vehicle_file import (
     figure_line,
     read_vehicle,
@@ -62,7 +57,6 @@ from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 
 NAME = "steer-by-wire identify"
-_NEW = "new"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -100,16 +94,15 @@ def _run(options: argparse.Namespace) -> int:
     show = plain_console().print
     if options.controller is not None:
         read_preset(PRESETS, options.controller)  # refused before the fit
-    if options.logs[0] == Path(_NEW):
+    if options.logs[0] == Path("new"):
         if len(options.logs) == 1:
             raise SettingsError("new: name a LOG whose columns are to be mapped")
-        for log in options.logs[1:]:
-            print(proposed_mapping(log), end="")
+        print("".join(map(proposed_mapping, options.logs[1:])), end="")
         return ExitStatus.OK
+    progress, source = _Progress(), ", ".join(log.name for log in options.logs)
     try:
-        progress = _Progress()
         channels, bus = _read(options, progress)
-        drive = _drive(options, channels)
+        drive = make_drive((_between(one, options) for one in channels), source)
         steering = None if bus is None else _steering(bus)
     except KeyboardInterrupt:
         say(NAME, "interrupted while the logs were read: no file is written", sys.stderr)
@@ -132,12 +125,14 @@ def _run(options: argparse.Namespace) -> int:
             f"interrupted in {progress.stopped_in}: the best so far; intervals may be wrong"
         )
     advice = _advice(margin, found, figures)
-    files = _write(options, found, figures, advice, bus, steering)
+    texts = _tables(found, source, bus, steering)
+    _write(options.out, texts, found, figures, advice)
     lines = [f"note: {note}" for note in notes]
     lines += [figure_line(figure) for figure in figures]
     lines += [f"{doubt.what}: {doubt.result}" for doubt in found.doubts]
     lines += [f"residual of yaw rate: {found.residual_percent:.2f} %", *advice]
-    for line in [*lines, f"files in {options.out}: {', '.join(files)}"]:
+    names = ", ".join([*texts, "report.json", "report.html"])
+    for line in [*lines, f"files in {options.out}: {names}"]:
         show(line)
     return ExitStatus.INTERRUPTED if progress.stopped_in else ExitStatus.OK
 
@@ -166,13 +161,6 @@ def _steering(bus: BusLog) -> Steering | None:
     return identify_steering(wheels[0].time_s, wheels[0].values, bus.command_rad)
 
 
-def _drive(options: argparse.Namespace, channels: Sequence[Channel]) -> Drive:
-    return make_drive(
-        (_between(one, options.start_s, options.end_s) for one in channels),
-        ", ".join(log.name for log in options.logs),
-    )
-
-
 def _advice(
     margin: DelayMargin | None, found: Identification, figures: Sequence[Figure]
 ) -> list[str]:  # fmt: skip
@@ -197,10 +185,10 @@ def _advice(
     return lines + [f"next: {note}" for note in sorted(wanted) if note.startswith("drive")]
 
 
-def _between(channel: Channel, start_s: float | None, end_s: float | None) -> Channel:
+def _between(channel: Channel, options: argparse.Namespace) -> Channel:
     """Return what lies between two times since the channel's start."""
     since_s = channel.time_s - (channel.time_s[0] if len(channel.time_s) else 0.0)
-    inside = (since_s >= (start_s or 0.0)) & (since_s <= (end_s or float("inf")))
+    inside = (since_s >= (options.start_s or 0.0)) & (since_s <= (options.end_s or inf))
     return channel._replace(time_s=channel.time_s[inside], values=channel.values[inside])
 
 
@@ -232,48 +220,39 @@ class _Progress:
         print(f"\r{left:70}; Ctrl-C keeps the best", end="", file=sys.stderr, flush=True)
 
 
-def _write(
-    options: argparse.Namespace,
-    found: Identification,
-    figures: Sequence[Figure],
-    advice: Sequence[str],
-    bus: BusLog | None,
-    steering: Steering | None,
-) -> list[str]:
-    """Write the files and return their names."""
-    from steer_by_wire.tools.identify.report import report_html  # loads matplotlib
-
-    source = ", ".join(log.name for log in options.logs)
+def _tables(
+    found: Identification, source: str, bus: BusLog | None, steering: Steering | None
+) -> dict[str, str]:
+    """Return the text of the files that other commands take, by name."""
     if steering is None:
         total = {one.name: one for one in found.figures}["delay_and_lag_s"]
-        lag_s = total.value if total.value >= LAG_S_MIN else 0.0
-        text = f"# The sum of delay and lag, as a lag; sensors included.\n# {figure_line(total)}\n"
-        table = {"lag_s": lag_s}
+        lines = ["The sum of delay and lag, as a lag; sensors included.", figure_line(total)]
+        table = {"lag_s": total.value if total.value >= LAG_S_MIN else 0.0}
     else:
-        text = "".join(f"# {figure_line(one)}\n" for one in steering.figures)
-        table = steering.table
-    lines = "".join(f"{key} = {value:.6g}\n" for key, value in table.items())
+        lines, table = [figure_line(one) for one in steering.figures], steering.table
+    text = "".join(f"# {line}\n" for line in lines) + "\n[actuator]\n"
     files = {
         "vehicle.toml": vehicle_toml(found.found, found.figures, found.speed_m_s, source),
-        "actuator.toml": f"{text}\n[actuator]\n{lines}",
+        "actuator.toml": text + "".join(f"{key} = {it:.6g}\n" for key, it in table.items()),
     }
     network = None if bus is None else network_toml(bus.figures, bus.latencies)
     if bus is not None and network is not None:
         files["network.toml"] = network
         for way in ("downlink", "uplink"):
             files[f"{way}.csv"] = trace_csv(bus.latencies.history[way])
-    options.out.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        write_text(options.out / name, text)
-    write_json(options.out / "report.json", _record(found, figures, advice))
-    write_text(options.out / "report.html", report_html(found, advice, figures))
-    return [*files, "report.json", "report.html"]
+    return files
 
 
-def _record(
-    found: Identification, figures: Sequence[Figure], advice: Sequence[str]
-) -> dict[str, object]:
-    return {
+def _write(
+    out: Path,
+    texts: Mapping[str, str],
+    found: Identification,
+    figures: Sequence[Figure],
+    advice: Sequence[str],
+) -> None:
+    from steer_by_wire.tools.identify.report import report_html  # loads matplotlib
+
+    record = {
         "figures": {
             one.name: {
                 "value": one.value,
@@ -289,6 +268,11 @@ def _record(
         "notes": list(found.notes),
         "delays": list(advice),
     }
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        write_text(out / name, text)
+    write_json(out / "report.json", record)
+    write_text(out / "report.html", report_html(found, advice, figures))
 
 
 if __name__ == "__main__":

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
-from scipy.signal import csd
+from scipy.signal import coherence, csd
 
 from steer_by_wire.closed_loop.identification.figures import Figure, Verdict
 from steer_by_wire.closed_loop.identification.identified import Identification
 from steer_by_wire.closed_loop.identification.response import STEP_S, respond, seen
 from steer_by_wire.closed_loop.identification.time_series import Quantity
+from steer_by_wire.closed_loop.identification.vehicle_file import shown
 from steer_by_wire.closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from steer_by_wire.closed_loop.reports.plot_style import plot_style, png_of
 
@@ -24,44 +25,29 @@ def report_html(found: Identification, lines: Sequence[str], figures: Sequence[F
     """Return the page; ``lines`` are what is said of delays and of what to measure next."""
     tests = [[Cell(doubt.what), Cell(doubt.result)] for doubt in found.doubts]
     rows = [
-        [
-            Cell(one.name),
-            number(f"{one.value:.4g}"),
-            number(f"{one.low:.4g} to {one.high:.4g}"),
-            Cell(one.unit),
-            Cell(str(one.verdict), _MARKS[one.verdict]),
-            Cell(one.note),
-        ]
+        [Cell(one.name), *map(number, shown(one)), Cell(one.unit),
+         Cell(str(one.verdict), _MARKS[one.verdict]), Cell(one.note)]
         for one in figures
-    ]
-    return page(
-        "Identified car",
-        [
-            Section("Figures", tables=[Table(["", "value", "95 %", "unit", "verdict", ""], rows)]),
-            Section("Delays", lines),
-            Section(
-                "Measured over simulated",
-                [f"Residual of yaw rate: {found.residual_percent:.2f} %"],
-                [_response_picture(found)],
-                [Table(["test", "result"], tests)],
-                found.notes,
-            ),
-            Section(
-                "Frequency response",
-                ["Yaw rate over steering; grey where less than 80 % of it follows the steering."],
-                [_frequency_picture(found)],
-            ),
-            Section(
-                "What to drive next",
-                [
-                    "A sweep at 60 km/h from 0.2 to 3 Hz in 26 s with 4 m/s² to either side, steps"
-                    " at 80 km/h, and a slalom that grows up to the limit of grip: on an empty"
-                    " ground."
-                ],
-                [_plan_picture()],
-            ),
-        ],
+    ]  # fmt: skip
+    headings = ["", "value", "95 %", "unit", "verdict", ""]
+    response = _response_picture(found), [Table(["test", "result"], tests)]
+    frequency = "Yaw rate over steering; grey where less than 80 % of it follows the steering."
+    plan = (
+        "A sweep at 60 km/h from 0.2 to 3 Hz in 26 s with 4 m/s² to either side, steps at 80 km/h,"
+        " and a slalom that grows up to the limit of grip: on an empty ground."
     )
+    sections = [
+        Section("Figures", tables=[Table(headings, rows)]),
+        Section("Delays", lines),
+        Section(
+            "Measured over simulated",
+            [f"Residual of yaw rate: {found.residual_percent:.2f} %"],
+            response[:1], response[1], found.notes,
+        ),
+        Section("Frequency response", [frequency], [_frequency_picture(found)]),
+        Section("What to drive next", [plan], [_plan_picture()]),
+    ]  # fmt: skip
+    return page("Identified car", sections)
 
 
 def _response_picture(found: Identification) -> Picture:
@@ -92,23 +78,21 @@ def _frequency_picture(found: Identification) -> Picture:
     simulated = np.interp(even - start + first, on_grid, response.yaw_rate_rad_s)
     options = {"fs": 100.0, "nperseg": int(min(_WINDOW_S * 100.0, len(even)))}
     hz, own = csd(steering, steering, **options)
+    inside = (hz > 0.1) & (hz < _HZ_MAX)
     with plot_style():
         canvas = Canvas(figsize=(9.0, 6.0))
-        gain, phase, coherence = canvas.subplots(3, 1, sharex=True)
+        gain, phase, coherence_of = canvas.subplots(3, 1, sharex=True)
         for label, output in (("measured", measured), ("simulated", simulated)):
-            cross, its = csd(steering, output, **options)[1], csd(output, output, **options)[1]
-            shared = np.abs(cross) ** 2 / np.maximum(np.real(own) * np.real(its), 1e-300)
-            inside = (hz > 0.1) & (hz < _HZ_MAX)
-            sure = inside & (shared > _COHERENT)
-            ratio = cross / own
+            shared = coherence(steering, output, **options)[1]
+            sure, ratio = inside & (shared > _COHERENT), csd(steering, output, **options)[1] / own
             gain.plot(hz[inside], np.abs(ratio[inside]), color="0.8", linewidth=1.0)
             gain.plot(hz[sure], np.abs(ratio[sure]), ".-", label=label)
             phase.plot(hz[sure], np.degrees(np.angle(ratio[sure])), ".-")
-            coherence.plot(hz[inside], shared[inside])
+            coherence_of.plot(hz[inside], shared[inside])
         gain.legend(ncols=2)
         gain.set_ylabel("gain [1/s]")
         phase.set_ylabel("phase [deg]")
-        coherence.set(ylabel="coherence", xlabel="frequency [Hz]", ylim=(0.0, 1.05))
+        coherence_of.set(ylabel="coherence", xlabel="frequency [Hz]", ylim=(0.0, 1.05))
     return Picture(png_of(canvas), "frequency response from steering to yaw rate, with coherence")
 
 
@@ -125,7 +109,5 @@ def _plan_picture() -> Picture:
         canvas = Canvas(figsize=(9.0, 2.6))
         axes = canvas.subplots()
         axes.plot(time_s, side)
-        axes.set(
-            xlabel="time [s]", ylabel="side [m/s²]", title="60 km/h, then 80 km/h from 40 s on"
-        )
+        axes.set(xlabel="time [s]", ylabel="side [m/s²]", title="60 km/h, from 40 s on 80 km/h")
     return Picture(png_of(canvas), "lateral acceleration to drive, over time")

@@ -10,7 +10,11 @@ from steer_by_wire.closed_loop.identification.figures import Verdict, figure_val
 from steer_by_wire.closed_loop.identification.fit import long_run_sums
 from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
-from steer_by_wire.closed_loop.identification.vehicle_file import read_vehicle, vehicle_toml
+from steer_by_wire.closed_loop.identification.vehicle_file import (
+    figure_line,
+    read_vehicle,
+    vehicle_toml,
+)
 from steer_by_wire.runtime.settings import SettingsError
 from tests.searches.hidden_cars import EXPECTED, one_car
 from tests.support.runs.drawn_drives import DrawnDrive, drawn_car, log_of, prescribed
@@ -70,6 +74,34 @@ def test_scores_are_summed_over_lags_by_bartletts_weights(lags: int) -> None:
 def test_a_late_sensor_is_found_within_two_milliseconds() -> None:
     (late,) = [one for one in found().figures if one.name == f"{SIDE}:delay_s"]
     assert late.value == pytest.approx(LATE_S, abs=0.002)
+
+
+def test_a_table_that_repeats_samples_delays_nothing() -> None:
+    """The wheel comes every 50 ms, with rows of 10 ms: half a period, 20 ms, would be missing."""
+    held = [
+        one._replace(values=np.repeat(one.values[::5], 5)[: len(one.values)])
+        if one.quantity is Quantity.HAND_WHEEL
+        else one
+        for one in drawn().channels
+    ]
+    figures = identify(make_drive(held, "held"), drawn().known, is_brief=True).figures
+    (total,) = [one for one in figures if one.name == "delay_and_lag_s"]
+    assert total.low < drawn().truth["delay_and_lag_s"] < total.high
+    assert total.high - total.low < 0.02
+
+
+def test_no_dead_time_is_below_zero() -> None:
+    """Of a yaw rate whose clock is early the sum is, which is said, but not its parts."""
+    early = [
+        one._replace(time_s=one.time_s - 0.3) if one.quantity is Quantity.YAW_RATE else one
+        for one in drawn().channels[:3]
+    ]
+    found = identify(make_drive(early, "early"), drawn().known, is_brief=True)
+    figures = {one.name: one for one in found.figures}
+    assert figures["delay_and_lag_s"].high < 0.0
+    assert "before the wheel's angle has an effect" in found.notes[-1]
+    assert figures["dead_time_s"][2:5] == (0.0, 0.0, 0.0)
+    assert figure_line(figures["dead_time_s"]).startswith("dead_time_s at most 0 s")
 
 
 def test_errors_of_the_right_model_are_white() -> None:

@@ -10,6 +10,7 @@ from steer_by_wire.closed_loop.identification.time_series import (
     continuous,
     evened,
     make_drive,
+    without_repeats,
     without_spikes,
 )
 from steer_by_wire.runtime.settings import SettingsError
@@ -68,6 +69,26 @@ def test_jitter_and_losses_leave_even_times(share_lost) -> None:
     even, jitter_s = evened(channel(Quantity.YAW_RATE, wave, came_s), 0.01)
     assert jitter_s == pytest.approx(late_s.std(), rel=0.1)
     assert np.std(even.time_s - TIME_S[there]) < 5e-4
+
+
+@pytest.mark.parametrize(("period_s", "phases"), [(0.05, 1), (0.025, 2)])
+def test_rows_that_repeat_a_sample_are_none_of_their_own(period_s, phases) -> None:
+    sensed_s = np.floor(TIME_S / period_s + 1e-9) * period_s
+    wave = np.round(np.sin(2.0 * np.pi * sensed_s), 3)
+    kept, found_s = without_repeats(channel(Quantity.YAW_RATE, wave))
+    assert found_s == pytest.approx(period_s, rel=0.01)
+    assert kept.unsure_s == pytest.approx(0.01 / np.sqrt(12.0) / phases)
+    late_s = kept.time_s - sensed_s[np.searchsorted(TIME_S, kept.time_s)]
+    assert late_s.max() < 0.01
+    drive = make_drive([*channels()[:2], channel(Quantity.YAW_RATE, wave)], "log")
+    assert f"a sample in {1e3 * period_s:.0f} ms" in drive.notes[0]
+
+
+def test_a_sensor_of_each_row_is_none_that_repeats_its_samples() -> None:
+    coarse = np.round(0.3 * np.sin(TIME_S) / 0.002) * 0.002
+    for values in (coarse, np.round(channels()[2].values, 3), TIME_S // 10.0):
+        wave = channel(Quantity.YAW_RATE, values)
+        assert without_repeats(wave) == (wave, 0.0)
 
 
 def test_times_that_are_uneven_in_truth_are_kept() -> None:
