@@ -34,9 +34,9 @@ _MASK = RING_SIZE - 1
 _NO_COMMAND = int(SteeringStatusCode.NO_COMMAND)
 _OVERRULED_FROM = int(SteeringStatusCode.LIMITED_BY_SAFETY)
 """From this code on the wheel's target is not the command named by the echo."""
-_COUNTED, _LATE_MAX, _LATE_AT_FIRST = 100, 1.5, 16.0
-"""So many yaw rates that are as many samples late in the mean, or the first one that is, begin
-otherwise than the errors: beyond what jitter explains; chosen."""
+_COUNTED, _LATE_MAX, _RATE_TOLERANCE = 32, 2.0, 0.7
+"""So many yaw rates that are this late in the mean [samples], or whose distance differs by this,
+count otherwise than the plant: beyond what jitter explains; chosen."""
 _WAITED_FOR = 16
 """Samples after which a yaw rate that has not come counts as lost; chosen."""
 
@@ -65,16 +65,20 @@ class Echoes(NamedTuple):
 
 
 class YawRates(NamedTuple):
-    """The newest VEHICLE_STATE: its sample, -1 before the first, and how samples are counted.
+    """The newest VEHICLE_STATE: its sample, -1 before the first, and how its sender counts.
 
-    ``first``           the sample of the one with counter 0, modulo COUNTERS
+    ``first``, ``every``  the sample of counter 0, modulo COUNTERS, and from one to the next
     ``states``, ``late``  of those compared with the clock: how many, and by how many samples in all
+    ``begin_*``           counter and arrival before the first of these
     """
 
     sample: int
     first: int
+    every: int
     states: int
     late: float
+    begin_counter: int
+    begin_ns: int
 
 
 class Commands(NamedTuple):
@@ -87,7 +91,7 @@ class Commands(NamedTuple):
 NO_ERRORS = Errors(-1, 0, NO_RATE)
 NO_ECHOES = Echoes(-1, 0, NO_DELAY)
 NO_COMMANDS = Commands(0, -1)
-NO_YAW_RATES = YawRates(-1, 0, 0, 0.0)
+NO_YAW_RATES = YawRates(-1, 0, 0, 0, 0.0, 0, 0)
 
 
 def error_step(
@@ -127,24 +131,36 @@ def yaw_rate_step(
 ) -> YawRates:
     """Store a yaw rate at the sample at which it was taken, whenever it comes.
 
-    The plant counts a VEHICLE_STATE every ``yaw_rate_samples``, from its first sample on. The clock
-    shows where a sender has begun otherwise: at the first frame, and by the mean of many.
+    The plant counts a VEHICLE_STATE every ``yaw_rate_samples``, from its first sample on. Where a
+    sender began or counts otherwise, the clock shows it: at the first frame, and in the mean.
     """
-    every = p.loop_delay.yaw_rate_samples
+    every, first = x.every or p.loop_delay.yaw_rate_samples, x.first
     if every == 0 or errors.sample < 0:
         return x
-    expected = errors.sample + (now_ns - errors.arrival_ns) / p.loop_delay.sensor_period_ns
-    sample = unwrapped((x.first + every * counter) % COUNTERS, int(expected), COUNTERS)
-    states, late = x.states + 1, x.late + (expected - sample)
-    tolerance = _LATE_MAX if states == _COUNTED else _LATE_AT_FIRST
-    if (x.sample < 0 or states == _COUNTED) and abs(late) > tolerance * states:
-        first = (x.first + int((late / states + 0.5) // 1.0)) % COUNTERS
-        return YawRates(x.sample, first, 0, 0.0)
-    index = sample & _MASK
-    rings.yaw_rate_rad_s[index], rings.yaw_rate_sample[index] = yaw_rate_rad_s, sample
-    if states == _COUNTED:
-        return YawRates(sample, x.first, 0, 0.0)
-    return YawRates(sample, x.first, states, late)
+    period_ns = p.loop_delay.sensor_period_ns
+    expected = errors.sample + (now_ns - errors.arrival_ns) / period_ns
+    sample = unwrapped((first + every * counter) % COUNTERS, int(expected), COUNTERS)
+    late = expected - sample
+    if x.every == 0:
+        x = YawRates(-1, first, every, 0, 0.0, counter, now_ns)
+        if abs(late) > _WAITED_FOR:
+            whole = int((late + 0.5) // 1.0)
+            first, sample, late = (first + whole) % COUNTERS, sample + whole, late - whole
+    newest = x.sample
+    if abs(late) <= _WAITED_FOR:
+        index, newest = sample & _MASK, sample
+        rings.yaw_rate_rad_s[index], rings.yaw_rate_sample[index] = yaw_rate_rad_s, sample
+    states, late = x.states + 1, x.late + late
+    if states < _COUNTED:
+        return YawRates(newest, first, every, states, late, x.begin_counter, x.begin_ns)
+    counted = max((counter - x.begin_counter) % COUNTERS, 1)
+    measured = (now_ns - x.begin_ns) / (counted * period_ns)
+    if abs(measured - every) > _RATE_TOLERANCE:
+        every = max(int((measured + 0.5) // 1.0), 1)
+        first = (int((expected + 0.5) // 1.0) - every * counter) % COUNTERS
+    elif abs(late) > _LATE_MAX * states:
+        first = (first + int((late / states + 0.5) // 1.0)) % COUNTERS
+    return YawRates(newest, first, every, 0, 0.0, counter, now_ns)
 
 
 def echo_step(
@@ -254,9 +270,10 @@ def loop_delay_at(
     is_recent = now_ns - vehicle_ns <= p.limits.vehicle_state_ns
     is_measured = is_recent and not _is_late(p, echoes, now_ns) and not errors.rate.is_wrong
     delay_ns = delay_of(p.loop_delay, echoes.delay, echoes.sample)
-    settled, every = min(errors.sample, echoes.sample), p.loop_delay.yaw_rate_samples
-    if every:
-        settled = min(settled, max(yaw_rates.sample + every - 1, errors.sample - _WAITED_FOR))
+    settled = min(errors.sample, echoes.sample)
+    if p.loop_delay.yaw_rate_samples:
+        known = yaw_rates.sample + yaw_rates.every - 1
+        settled = min(settled, max(known, errors.sample - _WAITED_FOR))
     return LoopDelay(tick, errors.sample, echoes.sample, delay_ns, is_measured, path_end, settled)
 
 

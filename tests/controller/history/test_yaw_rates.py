@@ -12,12 +12,12 @@ EVERY = 2
 PARAMS = LoopDelayParams(PERIOD_NS, PERIOD_NS, 50.0, yaw_rate_samples=EVERY)
 
 
-def late_by_s(deviation_s: float, first_counter: int = 0, samples: int = 3000) -> BusHistory:
+def late_by_s(deviation_s: float, first_counter: int, every: int = EVERY) -> BusHistory:
     """Return the history after frames that are late by a drawn time; a newer one wins."""
     rng, history = random.Random(1), BusHistory(PARAMS, LIMITS)
     frames = []
-    for sample in range(samples):
-        for is_state in (False, True)[: 1 + (sample % EVERY == 0)]:
+    for sample in range(3000):
+        for is_state in (False, True)[: 1 + (sample % every == 0)]:
             late_ns = round(40 * MS + 1e9 * rng.gammavariate(4.0, 0.5) * deviation_s)
             frames.append((sample * PERIOD_NS + late_ns, is_state, sample))
     newest = [-1, -1]
@@ -26,7 +26,7 @@ def late_by_s(deviation_s: float, first_counter: int = 0, samples: int = 3000) -
             continue
         newest[is_state] = sample
         if is_state:
-            counter = (sample // EVERY + first_counter) % 256
+            counter = (sample // every + first_counter) % 256
             history.on_vehicle(1e-4 * sample, counter, arrival_ns)
         else:
             history.on_error(error(0.0), sample % 256, arrival_ns)
@@ -34,14 +34,17 @@ def late_by_s(deviation_s: float, first_counter: int = 0, samples: int = 3000) -
 
 
 @pytest.mark.parametrize("deviation_s", [0.0, 0.01, 0.02])
-@pytest.mark.parametrize("first_counter", [0, 77])
-def test_yaw_rates_are_of_the_sample_that_took_them(deviation_s: float, first_counter: int) -> None:
-    """Whenever they come; where the counters began elsewhere, within what jitter leaves unknown."""
-    rings = late_by_s(deviation_s, first_counter).history
+@pytest.mark.parametrize(("first_counter", "every"), [(0, 2), (77, 2), (0, 1), (5, 3)])
+def test_yaw_rates_are_of_the_sample_that_took_them(
+    deviation_s: float, first_counter: int, every: int
+) -> None:
+    """Whenever they come; if a sender counts in its own way, within what jitter leaves unknown."""
+    rings = late_by_s(deviation_s, first_counter, every).history
     stored = [sample for sample in range(1000, 3000) if rings.yaw_rate_sample[sample] == sample]
-    assert len(stored) > (990 if deviation_s == 0.0 else 600)
+    assert len(stored) > (1990 if deviation_s == 0.0 else 1000) / every
     apart = [abs(rings.yaw_rate_rad_s[sample] - 1e-4 * sample) for sample in stored]
-    assert max(apart) < (1e-9 if first_counter == 0 or deviation_s == 0.0 else 1.6e-4)
+    is_exact = (first_counter, every) == (0, EVERY) or deviation_s == 0.0
+    assert max(apart) < (1e-9 if is_exact else 3.1e-4)
 
 
 def test_the_filter_waits_for_a_yaw_rate_but_not_for_a_lost_one() -> None:
