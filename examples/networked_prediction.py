@@ -10,7 +10,7 @@ value that is due. Neither the path nor a disturbance is in the model:
 
     x[k+1] = F x[k] + G u[k],   u[k] = the commands in transit, then -K x[k],   x = (β, r, Δψ, y)
 
-Compared with ``predictor``, with the tables of ``highway_packet``, behind 250 ms:
+Compared with ``predictor``, with the tables of ``highway_stiff_packet``, behind 250 ms:
 
 ::
 
@@ -130,7 +130,9 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     axes = figure.subplots()
     laws: dict[str, str | Law] = {"predictor": "predictor", "as published": LAW}
     for style, (label, law) in zip(law_styles(laws), laws.items(), strict=True):
-        run = simulate("highway_nominal", "highway_packet", law=law, duration_s=8.0, overrides=case)
+        run = simulate(
+            "highway_nominal", "highway_stiff_packet", law=law, duration_s=8.0, overrides=case
+        )
         axes.plot(run.plant.time_s, run.plant.cg_deviation_m, label=label, **style)
         runs[label] = run
     axes.set(xlabel="time [s]", ylabel="car off the path [m]")

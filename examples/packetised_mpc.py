@@ -175,7 +175,7 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     laws = {"packet": "packet", "packetised MPC": LAW}
     for style, (label, law) in zip(law_styles(laws), laws.items(), strict=True):
         run = simulate(
-            "highway_nominal", "highway_packet", law=law, duration_s=8.0, overrides=SLOW_WHEEL
+            "highway_nominal", "highway_stiff_packet", law=law, duration_s=8.0, overrides=SLOW_WHEEL
         )
         axes.plot(run.plant.time_s, run.plant.cg_deviation_m, label=label, **style)
         runs[label] = run

@@ -14,7 +14,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node.virtual_time_loop import VirtualTimeExecutor
 
-_LAW = "highway_predictor"
+_LAW = "highway_stiff_predictor"
 _ERROR_ID = CAN_IDS[LateralError]
 
 

@@ -78,7 +78,7 @@ SHARP = (
 
 
 def controller(*overrides: str) -> ControllerSettings:
-    preset = read_preset("steer_by_wire.controller.presets", "highway_packet")
+    preset = read_preset("steer_by_wire.controller.presets", "highway_stiff_packet")
     return load_settings(ControllerSettings, preset, None, overrides)
 
 

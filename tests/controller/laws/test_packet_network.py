@@ -28,9 +28,10 @@ def test_a_plan_asks_for_no_steer_that_the_steering_does_not_pass(delay_s: float
             f"latency.downlink={{mean_s={delay_s}, loss=0.25, burst_frames=15}}",
         ],
     )
-    limited = controller_preset("highway_packet", ["followed_point=preview"])
+    limited = controller_preset("highway_stiff_packet", ["followed_point=preview"])
     free = controller_preset(
-        "highway_packet", ["followed_point=preview", "predictor.lateral_acceleration_m_s2_max=100"]
+        "highway_stiff_packet",
+        ["followed_point=preview", "predictor.lateral_acceleration_m_s2_max=100"],
     )
     runs = [
         simulate(plant, law, seed=8, duration_s=10.0, engine="compiled") for law in (limited, free)
@@ -46,8 +47,8 @@ def test_no_drawn_run_loses_its_lane(tmp_path: Path) -> None:
         f"""
 [base]
 plant_preset = "highway_nominal"
-controllers = ["highway_predictor", "highway_packet"]
-variants.known = {{ preset = "highway_packet", plant.path_ahead = {{}} }}
+controllers = ["highway_stiff_predictor", "highway_stiff_packet"]
+variants.known = {{ preset = "highway_stiff_packet", plant.path_ahead = {{}} }}
 [base.plant]
 duration_s = 10.0
 vehicle.speed_m_s = {SPEED_M_S}

@@ -83,7 +83,7 @@ def test_the_status_reports_mode_law_and_counts_ten_times_a_second() -> None:
 
 
 def test_a_law_with_a_model_says_once_a_second_what_it_takes_its_vehicle_for() -> None:
-    asked = controller_preset("highway_predictor", ["estimator.actuator_lag_s=0.05"])
+    asked = controller_preset("highway_stiff_predictor", ["estimator.actuator_lag_s=0.05"])
     plant = Link(ControllerNode(asked, START_NS))
     plant.drive(201, 0.01)
     models = [entry for entry in plant.sent if isinstance(entry[1], ModelStatus)]

@@ -42,7 +42,7 @@ def report(preset: str, overrides: dict[str, Any], duration_s: float = 14.0) -> 
     return run.controller_report
 
 
-PRESETS = ("highway_pd_ddob", "highway_predictor")
+PRESETS = ("highway_pd_ddob", "highway_stiff_predictor")
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_a_single_gentle_lane_change_shows_only_what_is_far_from_the_box(
     mass_kg: float, fits: bool
 ) -> None:
     fast = {"plant.vehicle.speed_m_s": 60.0 / 3.6}
-    found = report("highway_predictor", fast | mass(mass_kg))["model"]
+    found = report("highway_stiff_predictor", fast | mass(mass_kg))["model"]
     assert found["fits"] is fits
     assert found["virtual_mass_kg"] == pytest.approx(mass_kg, rel=0.05)
 

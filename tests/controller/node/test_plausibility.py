@@ -225,7 +225,7 @@ def test_a_drawn_vehicle_that_steers_at_the_rear_raises_no_alarm(seed: int) -> N
 AT_SPEED = {"plant.vehicle.speed_m_s": 60.0 / 3.6}
 
 
-@pytest.mark.parametrize("preset", ["highway_pd", "highway_pd_ddob", "highway_predictor"])
+@pytest.mark.parametrize("preset", ["highway_pd", "highway_pd_ddob", "highway_stiff_predictor"])
 def test_commands_of_the_wrong_sign_are_found_though_the_wheel_is_limited(preset: str) -> None:
     wrong = {**fault("scale", "STEERING_COMMAND", "steer_rad", -1.0), "direction": "downlink"}
     done = run(preset, [wrong], **AT_SPEED)
@@ -245,7 +245,7 @@ def ordinary(seed: int) -> tuple[str, str, dict[str, Any]]:
     """Draw a preset, a vehicle of its box, network, noise, side wind and an offset."""
     rng = np.random.default_rng([40, 8, seed])
     presets = ("practical_pd", "practical_pid", "practical_pd_ddob", "practical_predictor")
-    fast = ("highway_pd", "highway_pd_ddob", "highway_predictor", "highway_packet")
+    fast = ("highway_pd", "highway_pd_ddob", "highway_stiff_predictor", "highway_stiff_packet")
     is_fast = rng.random() < 0.5
     preset = str(rng.choice(fast if is_fast else presets))
     box = controller_preset(preset).validity

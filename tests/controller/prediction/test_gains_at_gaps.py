@@ -57,7 +57,9 @@ def error_growth(gains: VehicleGains, gap: int) -> float:
     return float(max(abs(np.linalg.eigvals(np.array(columns).T))))
 
 
-@pytest.mark.parametrize("preset", ["practical_predictor", "highway_predictor", "highway_mpc"])
+@pytest.mark.parametrize(
+    "preset", ["practical_predictor", "highway_stiff_predictor", "highway_mpc"]
+)
 def test_the_error_decays_at_every_regular_gap(preset: str) -> None:
     params_at = design_law(controller_preset(preset)).params_at
     assert params_at is not None

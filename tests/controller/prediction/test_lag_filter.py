@@ -45,7 +45,7 @@ def plant(lag_s: float, network: LatencySettings = GAMMA, speed_m_s: float = 12.
 
 def law(*, measures_lag: bool) -> ControllerSettings:
     return controller_preset(
-        "highway_predictor", [f"predictor.measures_lag={str(measures_lag).lower()}"]
+        "highway_stiff_predictor", [f"predictor.measures_lag={str(measures_lag).lower()}"]
     )
 
 

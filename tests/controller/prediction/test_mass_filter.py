@@ -39,7 +39,8 @@ def plant(mass_kg: float, *overrides: str) -> PlantSettings:
 def law(*, measures_mass: bool) -> ControllerSettings:
     measures = str(measures_mass).lower()
     return controller_preset(
-        "highway_predictor", ["predictor.measures_lag=false", f"predictor.measures_mass={measures}"]
+        "highway_stiff_predictor",
+        ["predictor.measures_lag=false", f"predictor.measures_mass={measures}"],
     )
 
 
@@ -128,7 +129,7 @@ def test_lag_and_mass_are_measured_together() -> None:
     for measures in (("true", "false"), ("false", "true"), ("true", "true")):
         keys = ("predictor.measures_lag", "predictor.measures_mass")
         overrides = [f"{key}={value}" for key, value in zip(keys, measures, strict=True)]
-        settings = controller_preset("highway_packet", overrides)
+        settings = controller_preset("highway_stiff_packet", overrides)
         run = run_compiled(asked, settings)
         peak_m[measures] = float(np.abs(run.lateral_error_m).max())
     result = run_virtual_pair(asked, settings, None)

@@ -214,9 +214,9 @@ def test_a_plant_that_nobody_commands_has_not_started() -> None:
 @pytest.mark.parametrize(
     ("preset", "where"),
     sampled(
-        [("highway_predictor", ("d", 0.02)), ("highway_pd_ddob", ("c", 0.02))],
+        [("highway_stiff_predictor", ("d", 0.02)), ("highway_pd_ddob", ("c", 0.02))],
         combined(
-            ["highway_pd", "highway_pd_ddob", "highway_predictor", "highway_packet"],
+            ["highway_pd", "highway_pd_ddob", "highway_stiff_predictor", "highway_stiff_packet"],
             [("d", 0.0), ("d", 0.02), ("b", 0.0), ("c", 0.02)],
         ),
     ),
@@ -232,7 +232,9 @@ def test_the_steering_passes_the_lane_change_for_the_highway(
 
 
 def test_limits_that_forbid_the_manoeuvre_are_named() -> None:
-    run = simulate("highway_corner_c", "highway_predictor", overrides={"plant.path.length_m": 30.0})
+    run = simulate(
+        "highway_corner_c", "highway_stiff_predictor", overrides={"plant.path.length_m": 30.0}
+    )
     report = run.plant_report
     assert report["verdict"] != "holds"
     assert report["preview_rms_m"] > 0.3

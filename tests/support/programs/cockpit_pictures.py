@@ -37,7 +37,7 @@ _SETTLED = f"""cockpit.nowS > {_SPAN_S + 5} && cockpit.lanes.every((rows) =>
 """Whether every lane was driven in time in all that the charts show; no number is not in time."""
 _PATIENCE_S = 600.0
 
-LAWS = {"highway_pd": "PD", "highway_predictor": "predictor"}
+LAWS = {"highway_pd": "PD", "highway_stiff_predictor": "predictor"}
 _RISE_S, _BEFORE_MS, _FROM_RISE_MS = 4.0, 30, 400
 """The network of both, which becomes slow."""
 _FRAMES = [2.0 + 0.2 * number for number in range(55)]

@@ -81,7 +81,9 @@ def test_a_plan_that_raises_leaves_single_commands(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(example, "RAISES", example.LAW._replace(plan=raises), raising=False)
     planned, alone = (
-        run_nodes(controller_preset("highway_packet", [f"law=networked_prediction:{name}"]))[0]
+        run_nodes(controller_preset("highway_stiff_packet", [f"law=networked_prediction:{name}"]))[
+            0
+        ]
         for name in ("LAW", "RAISES")
     )
     assert planned.report()["plans_sent"] > 100

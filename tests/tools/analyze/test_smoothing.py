@@ -21,7 +21,7 @@ from tests.support.runs.unguarded import UNGUARDED
 from tests.support.suite.unrendered import unrendered as unrendered
 
 VEHICLE_FILE = Path(__file__).parents[3] / "tools" / "design" / "highway_vehicle.toml"
-CONTROLLER = controller_preset("highway_predictor")
+CONTROLLER = controller_preset("highway_stiff_predictor")
 SPEED_M_S = 12.5
 PERIOD_S = 0.01
 

@@ -56,7 +56,7 @@ WHOLE = (
 )
 PREDICTORS = (
     ("practical_predictor", "paper_vehicle", "practical_predictor"),
-    ("highway_predictor", "highway_vehicle", "highway"),
+    ("highway_stiff_predictor", "highway_vehicle", "highway"),
 )
 
 
