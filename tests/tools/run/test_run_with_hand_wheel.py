@@ -174,5 +174,5 @@ def test_a_script_gets_the_hand_wheel_as_arrays() -> None:
     assert np.ptp(found.hand_wheel.time_s[kicked]) == pytest.approx(0.1, abs=0.01)
     assert np.abs(found.plant.wheel_angle_rad).max() > 0.005
     assert found.hand_wheel_report["steered_by"] == "driver"
-    with pytest.raises(SettingsError, match=r"neither plant\. nor controller\."):
+    with pytest.raises(SettingsError, match=r"hand_wheel\.cycle_ms needs a hand_wheel"):
         simulate(overrides={"hand_wheel.cycle_ms": 5.0})
