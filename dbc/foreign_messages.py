@@ -45,7 +45,7 @@ class ListedMessage(NamedTuple):
 
 
 def read_message_set(path: Path) -> tuple[ListedMessage, ...]:
-    """Read a database of one bus; raises OSError, and ValueError for any other file.
+    """Read a database of one bus; raises SettingsError.
 
     ``path``  the file; one with several buses is followed by a colon and the name of one
     """
@@ -53,11 +53,14 @@ def read_message_set(path: Path) -> tuple[ListedMessage, ...]:
     messages = load_database(file).messages
     buses = sorted({message.bus_name for message in messages if message.bus_name})
     if bus not in buses and (bus or len(buses) > 1):
-        raise ValueError(
+        raise SettingsError(
             f"{file}: holds the messages of the buses {', '.join(buses) or 'without names'}, which"
             f" do not wait for each other: choose one, as {file}:{(buses or ['NAME'])[0]}"
         )
-    return tuple(_listed(one, file) for one in messages if not bus or one.bus_name == bus)
+    try:
+        return tuple(_listed(one) for one in messages if not bus or one.bus_name == bus)
+    except SettingsError as error:
+        raise SettingsError(f"{file}: {error}") from error
 
 
 def file_and_bus(path: Path) -> tuple[Path, str]:
@@ -67,12 +70,15 @@ def file_and_bus(path: Path) -> tuple[Path, str]:
 
 
 def load_database(path: Path) -> Database:
-    """Read a database with any byte order mark; raises OSError, and ValueError for another file."""
+    """Read a database with any byte order mark; raises SettingsError."""
     # It warns of identifiers that come twice, which callers refuse in a line of their own.
     logging.getLogger("cantools").addHandler(logging.NullHandler())
-    raw = read_bytes(path)
+    try:
+        raw = read_bytes(path)
+    except OSError as error:
+        raise SettingsError(f"{path}: {error.strerror}") from error
     if not raw:
-        raise ValueError(f"{path}: is empty")
+        raise SettingsError(f"{path}: is empty")
     kind = path.suffix.lower().removeprefix(".")
     encoding = encoding_of(raw)
     if encoding == "utf-8" and kind in {"dbc", "sym"}:  # as Vector's and PEAK's tools write them
@@ -92,9 +98,11 @@ def load_database(path: Path) -> Database:
             if not isinstance(inner, cantools.database.errors.Error | textparser.Error):
                 cause = f"a line or number that the format does not have ({cause})"
             what = f"no .{kind} file that cantools reads"
-            raise ValueError(f"{path}: {what}: {cause}; save it again with its editor") from error
+            raise SettingsError(
+                f"{path}: {what}: {cause}; save it again with its editor"
+            ) from error
     if not isinstance(database, Database):
-        raise ValueError(f"{path}: not a database of CAN messages")
+        raise SettingsError(f"{path}: not a database of CAN messages")
     for message in database.messages:
         flags = [one for one in message.signals if one.length == 1 and one.is_signed]
         for flag in flags:  # BUSMASTER's; as a number 1 on the wire would be -1
@@ -128,7 +136,7 @@ def cycle_ms_of(message: Message) -> float | None:
     return cycle_ms
 
 
-def _listed(message: Message, path: Path) -> ListedMessage:
+def _listed(message: Message) -> ListedMessage:
     flags = EXTENDED if message.is_extended_frame else 0
     length = message.length
     is_j1939 = message.protocol == "j1939"
@@ -136,14 +144,10 @@ def _listed(message: Message, path: Path) -> ListedMessage:
         flags |= FD | BITRATE_SWITCH
         fits = padded_length(length)
         if fits is None:
-            raise ValueError(f"{path}: {message.name} has {message.length} bytes; a frame has 64")
+            raise SettingsError(f"{message.name} has {message.length} bytes; a frame has 64")
         length = fits
-    senders = tuple(message.senders)
-    try:
-        cycle_ms = cycle_ms_of(message)
-        if cycle_ms is not None and not CYCLE_MS_MIN <= cycle_ms <= CYCLE_MS_MAX:
-            allowed = f"allowed is {CYCLE_MS_MIN:g} to {CYCLE_MS_MAX:g} ms"
-            raise ValueError(f"{message.name} has a cycle time of {cycle_ms:g}; {allowed}")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    senders, cycle_ms = tuple(message.senders), cycle_ms_of(message)
+    if cycle_ms is not None and not CYCLE_MS_MIN <= cycle_ms <= CYCLE_MS_MAX:
+        allowed = f"allowed is {CYCLE_MS_MIN:g} to {CYCLE_MS_MAX:g} ms"
+        raise SettingsError(f"{message.name} has a cycle time of {cycle_ms:g}; {allowed}")
     return ListedMessage(message.name, message.frame_id, flags, length, cycle_ms, senders)

@@ -42,8 +42,6 @@ def traffic_of(settings: BusSettings, seed: int) -> list[PeriodicMessage]:
     try:
         listed = _listed(settings.rest_bus) if settings.rest_bus else example_messages()
         return rest_of(listed, seed, settings.bitrate_bit_s, settings.load)
-    except OSError as error:
-        raise SettingsError(f"rest_bus: {error.filename}: {error.strerror}") from error
     except ValueError as error:
         raise SettingsError(f"rest_bus: {error}") from error
 

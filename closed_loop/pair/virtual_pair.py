@@ -1,7 +1,7 @@
 """Plant emulator and controller together in one process, in virtual time."""
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
@@ -162,7 +162,7 @@ def run_virtual_nodes(
         if isinstance(bus, BusModel) and bus.errors is not None:
             nodes = tuple(Controlled(node, index, bus) for index, node in enumerate(nodes))
         if candump_log is not None:
-            on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
+            on_wire = _writer(stack.enter_context(closing(CandumpLog(candump_log, "virtual"))))
         executor = VirtualTimeExecutor(nodes, bus, on_wire)
         until_ns = SLICE_NS
         while not (executor.finished or should_stop()):

@@ -23,7 +23,7 @@ The times at which the plant sensed are those of ``sensing_times``, from BLOCK s
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,17 +79,20 @@ class RoundTrips:
         return None if sent_ns is None else time_ns - sent_ns
 
 
+MEASURED = ("round_trip", "uplink", "downlink", "reported_uplink", "reported_downlink")
+"""What is measured, by its name in the figures."""
+
+
 class Latencies:
-    """Takes the messages of one log in order; times in nanoseconds since its start."""
+    """Takes the messages of one log in order; times in nanoseconds since its start.
+
+    ``measured``, ``history``  durations, and each with its time, by their names in MEASURED
+    """
 
     def __init__(self) -> None:
-        self.round_trip = Durations()
-        self.uplink, self.downlink, self.reported_uplink, self.reported_downlink = (
-            Durations(_RESOLUTION_S) for _ in range(4)
-        )
-        self.history = {
-            name: History() for name in ("round_trip", "uplink", "downlink", "reported_downlink")
-        }
+        self.measured = {name: Durations(_RESOLUTION_S) for name in MEASURED}
+        self.measured["round_trip"] = Durations()
+        self.history = {name: History() for name in MEASURED}
         self.commands = 0
         self.is_absolute = True
         self.samples_skipped = 0
@@ -119,8 +122,7 @@ class Latencies:
         """Take a status of the actuator; returns the round trip that it completes [ns], or None."""
         round_trip_ns = None if is_late else self._round_trips.on_status(status, time_ns)
         if round_trip_ns is not None:
-            self.round_trip.record(round_trip_ns)
-            self.history["round_trip"].add(time_ns / NS_PER_S, round_trip_ns / NS_PER_S)
+            self._record("round_trip", time_ns, round_trip_ns)
         number = self._unwrapped(counter, is_late, time_ns)
         if len(self._block) >= BLOCK:
             self.close_block()
@@ -131,10 +133,13 @@ class Latencies:
     def on_plant_status(self, status: messages.PlantStatus, time_ns: int) -> None:
         """Take the latencies that the plant reports."""
         self._reported_ns.append(status.uplink_latency_s * NS_PER_S)
-        self.reported_uplink.record(round(status.uplink_latency_s * NS_PER_S))
+        self._record("reported_uplink", time_ns, self._reported_ns[-1])
         if self.commands:  # before the first command the plant reports 0
-            self.reported_downlink.record(round(status.downlink_latency_s * NS_PER_S))
-            self.history["reported_downlink"].add(time_ns / NS_PER_S, status.downlink_latency_s)
+            self._record("reported_downlink", time_ns, status.downlink_latency_s * NS_PER_S)
+
+    def _record(self, name: str, time_ns: int, latency_ns: float) -> None:
+        self.measured[name].record(round(latency_ns))
+        self.history[name].add(time_ns / NS_PER_S, latency_ns / NS_PER_S)
 
     def _unwrapped(self, counter: int, is_late: bool, time_ns: int) -> int:
         """Return the number of a status; its counter is that number modulo 256."""
@@ -176,16 +181,27 @@ class Latencies:
             constant_ns = float(np.median(reported_ns) - np.median(uplink_ns))
             uplink_ns = np.maximum(uplink_ns + constant_ns, 0.0)
             # 1.96 standard errors of the difference of two medians.
-            shares = 1.0 / self.reported_uplink.independent() + 1.0 / len(uplink_ns)
+            shares = 1.0 / self.measured["reported_uplink"].independent() + 1.0 / len(uplink_ns)
             error_s = 1.96 * 1.2533 * float(np.std(uplink_ns)) * math.sqrt(shares) / NS_PER_S
-            self.uplink.level_error_s = self.downlink.level_error_s = error_s
+            for name in ("uplink", "downlink"):
+                self.measured[name].level_error_s = error_s
         else:
             self.is_absolute = False
         for status, latency_ns in zip(block, uplink_ns.tolist(), strict=True):
-            at_s = status.arrival_ns / NS_PER_S
-            self.uplink.record(round(latency_ns))
-            self.history["uplink"].add(at_s, latency_ns / NS_PER_S)
+            self._record("uplink", status.arrival_ns, latency_ns)
             if status.round_trip_ns is not None:
                 downlink_ns = max(status.round_trip_ns - latency_ns, 0.0)
-                self.downlink.record(round(downlink_ns))
-                self.history["downlink"].add(at_s, downlink_ns / NS_PER_S)
+                self._record("downlink", status.arrival_ns, downlink_ns)
+
+    def report(self) -> dict[str, Any]:
+        """Return the figures, ready for JSON."""
+        measured = {name: durations.report() for name, durations in self.measured.items()}
+        return {
+            "commands": self.commands,
+            "commands_seen_to_act": measured["round_trip"]["samples"],
+            **measured,
+            "samples_skipped": self.samples_skipped,
+            "sensor_period_s": self.sensor_period_s,
+            "sensor_period_error_s": self.sensor_period_s and self.sensor_period_error_s,
+            "is_absolute": self.is_absolute and self.sensor_period_s is not None,
+        }

@@ -83,12 +83,10 @@ COUNTED: Mapping[str, tuple[type[messages.Message], str]] = {
 class LoggedMessages(NamedTuple):
     """The messages in a frame of a log, without those that a node would reject.
 
-    ``time_ns``  in the log; None without times
     ``at_s``     since the start; NaN without times
     ``of_car``   name of the car's message; empty for a frame of ours
     """
 
-    time_ns: int | None
     at_s: float
     messages: Sequence[ReceivedMessage]
     of_car: str
@@ -105,11 +103,7 @@ class LogAnalysis:
     figures of latency and cycles.
     """
 
-    def __init__(
-        self,
-        preview_m: float = PREVIEW_M,
-        listening: Listening = OUR_MESSAGES,
-    ) -> None:
+    def __init__(self, preview_m: float = PREVIEW_M, listening: Listening = OUR_MESSAGES) -> None:
         self._held_path = HeldPath()
         self.listener = BusListener(listening)
         self.listed = self.listener.listening.listed
@@ -147,7 +141,7 @@ class LogAnalysis:
         timely = [one for one in received if not one.is_late]
         for one in timely:
             self._follow(one.shown, at_s, since_ns)
-        return LoggedMessages(time_ns, at_s, timely, of_car, frame)
+        return LoggedMessages(at_s, timely, of_car, frame)
 
     def _follow(self, shown: messages.Message, at_s: float, since_ns: int | None) -> None:
         for name in self._fields.get(type(shown), ()):
@@ -192,7 +186,7 @@ class LogAnalysis:
             "error_frames": self.listener.error_frames,
             "signals": {name: history.report() for name, history in self.histories.items()},
             "held_path": {**held_path, "verdict": None} if obstacle else held_path,
-            "latency": self._latency_figures(),
+            "latency": self.latencies.report(),
             "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in messages.Mode},
             "laws": list(self._laws),
             **self._advanced,
@@ -276,22 +270,6 @@ class LogAnalysis:
             "refused": dict(counts.refused),
             "cycle_dbc_s": cycle_ms * 1e-3 or None,
             "cycle": self.cycles[name].report(),
-        }
-
-    def _latency_figures(self) -> dict[str, Any]:
-        latencies, round_trip = self.latencies, self.latencies.round_trip.report()
-        return {
-            "commands": latencies.commands,
-            "commands_seen_to_act": round_trip["samples"],
-            "round_trip": round_trip,
-            "uplink": latencies.uplink.report(),
-            "downlink": latencies.downlink.report(),
-            "reported_uplink": latencies.reported_uplink.report(),
-            "reported_downlink": latencies.reported_downlink.report(),
-            "samples_skipped": latencies.samples_skipped,
-            "sensor_period_s": latencies.sensor_period_s,
-            "sensor_period_error_s": latencies.sensor_period_s and latencies.sensor_period_error_s,
-            "is_absolute": latencies.is_absolute and latencies.sensor_period_s is not None,
         }
 
 

@@ -1,7 +1,8 @@
 """Readers of .asc, .csv and .trc, line by line, so that a line costs no other.
 
 Each takes a line and returns its frame, or None where the format has no frame there: a comment, the
-header, an event that is none of CAN's. Every other line raises ValueError or LookupError.
+header, an event that is none of CAN's. Every other line raises ValueError, LookupError or
+OverflowError.
 """
 
 import re
@@ -34,10 +35,7 @@ def _frame(can_id: int, flags: int, words: Sequence[str], length: int, base: int
 
 
 def _time_ns(word: str, unit_ns: int) -> int:
-    try:
-        return round(float(word) * unit_ns)
-    except OverflowError as error:
-        raise ValueError from error
+    return round(float(word) * unit_ns)
 
 
 _ASC_HEADER = {"base", "date", "no", "internal", "begin", "end"}

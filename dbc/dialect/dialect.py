@@ -132,7 +132,5 @@ def read_database(file: Path, where: str) -> Sequence[Message]:
     """Return the messages of a database; raises SettingsError."""
     try:
         return load_database(file).messages
-    except OSError as error:
-        raise SettingsError(f"{where}: {file}: {error.strerror}") from error
-    except ValueError as error:
+    except SettingsError as error:
         raise SettingsError(f"{where}: {error}") from error

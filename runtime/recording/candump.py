@@ -54,9 +54,3 @@ class CandumpLog:
     def close(self) -> None:
         """Flush and close the file."""
         self._file.close()
-
-    def __enter__(self) -> "CandumpLog":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

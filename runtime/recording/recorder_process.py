@@ -15,8 +15,9 @@ import signal
 import sys
 from bisect import bisect_right
 from collections.abc import Iterator
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import can
 from can.io.generic import MessageWriter, TextIOMessageWriter
@@ -33,13 +34,9 @@ IDLE_S = 0.2
 _READ_BYTES = 1 << 16
 
 
-class _Record(NamedTuple):
-    """One recorded frame; sorts by time, then by order of recording."""
-
-    time_ns: int
-    number: int
-    frame: Frame
-    is_received: bool
+_Record = tuple[int, Frame, bool]
+"""Time [ns], frame, and whether it was received."""
+_time_ns_of = itemgetter(0)
 
 
 def record(path: Path, channel: str, source: int) -> dict[str, Any]:
@@ -57,7 +54,7 @@ def record(path: Path, channel: str, source: int) -> dict[str, Any]:
         writer = can.Logger(path)
         os.write(1, b"ready\n")
         for records in _ordered(_records(source)):
-            for time_ns, _, frame, is_received in records:
+            for time_ns, frame, is_received in records:
                 message = message_of(frame)
                 message.timestamp = time_ns * 1e-9
                 message.channel = channel
@@ -85,11 +82,11 @@ def _ordered(reads: Iterator[list[_Record]]) -> Iterator[list[_Record]]:
     held: list[_Record] = []
     newest_ns = 0
     for records in reads:
-        held = sorted(held + records)
+        held = sorted(held + records, key=_time_ns_of)
         ripe = len(held)
         if records:
-            newest_ns = max(newest_ns, held[-1].time_ns)
-            ripe = bisect_right(held, newest_ns - HELD_NS, key=lambda one: one.time_ns)
+            newest_ns = max(newest_ns, held[-1][0])
+            ripe = bisect_right(held, newest_ns - HELD_NS, key=_time_ns_of)
         yield held[:ripe]
         held = held[ripe:]
     yield held
@@ -97,7 +94,7 @@ def _ordered(reads: Iterator[list[_Record]]) -> Iterator[list[_Record]]:
 
 def _records(source: int) -> Iterator[list[_Record]]:
     """Yield the complete records of each read until the pipe ends; an empty list for a pause."""
-    rest, number = b"", 0
+    rest = b""
     while True:
         if not select.select([source], (), (), IDLE_S)[0]:
             yield []
@@ -112,8 +109,7 @@ def _records(source: int) -> Iterator[list[_Record]]:
             data = rest[place + RECORD.size : place + RECORD.size + length]
             if len(data) < length:
                 break
-            records.append(_Record(time_ns, number, Frame(can_id, data, flags), is_received))
-            number += 1
+            records.append((time_ns, Frame(can_id, data, flags), is_received))
             place += RECORD.size + length
         rest = rest[place:]
         if records:

@@ -18,11 +18,7 @@ import can
 
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.logged import LogError
-from steer_by_wire.dbc.messages import (
-    SteeringStatus,
-    SteeringStatusCode,
-    encode,
-)
+from steer_by_wire.dbc.messages import SteeringStatus, SteeringStatusCode, encode
 from steer_by_wire.runtime.frame.message import message_of
 from steer_by_wire.tools.analyze.report import report_html
 from tests.fuzz.traffic import noise_of

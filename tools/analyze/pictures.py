@@ -6,18 +6,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...closed_loop.recordings.durations import Durations
 from ...closed_loop.recordings.log_analysis import LogAnalysis
 from ...closed_loop.reports.law_colours import COLOURS
 from ...closed_loop.reports.page import Picture
 from ...closed_loop.reports.plot_style import plot_style, png_of
 
-_CURVES = {
-    "round_trip": "round trip",
-    "downlink": "commands, latency and wait",
-    "uplink": "measurements, latency",
-}
 ORANGE, BLUE, GREEN, PURPLE, *_ = COLOURS
+_CURVES = {
+    "round_trip": ("round trip", PURPLE, "."),
+    "downlink": ("commands, latency and wait", BLUE, "x"),
+    "uplink": ("measurements, latency", GREEN, "|"),
+}
 WIDTH_IN = 10.5
 
 
@@ -70,18 +69,14 @@ def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure |
         return None
     figure = Figure(figsize=(WIDTH_IN, 4.4))
     left, right = figure.subplots(1, 2, width_ratios=(2.4, 1.0))
-    measured: dict[str, tuple[str, str, Durations]] = {
-        "round_trip": (PURPLE, ".", latencies.round_trip),
-        "downlink": (BLUE, "x", latencies.downlink),
-        "uplink": (GREEN, "|", latencies.uplink),
-    }
     fractions = np.linspace(0.0, 1.0, 201)
-    for name, (colour, marker, durations) in measured.items():
+    for name, (words, colour, marker) in _CURVES.items():
         time_s, latency_s = latencies.history[name].points()
         median_ms = 1e3 * figures["latency"][name]["p50_s"]
-        text = f"{_CURVES[name]}, median {median_ms:.1f} ms"
+        text = f"{words}, median {median_ms:.1f} ms"
         left.plot(time_s, 1e3 * latency_s, marker, ms=2.0, color=colour, label=text)
-        right.plot(1e3 * durations.quantiles_s(fractions), 100.0 * fractions, color=colour)
+        quantiles_s = latencies.measured[name].quantiles_s(fractions)
+        right.plot(1e3 * quantiles_s, 100.0 * fractions, color=colour)
     time_s, reported_s = latencies.history["reported_downlink"].points()
     text = "commands, latency, reported"
     left.plot(time_s, 1e3 * reported_s, "+", ms=4.0, color="black", label=text)

@@ -84,26 +84,12 @@ def smooth_vehicle(
     before_rad = np.concatenate((wheel_rad[:1], wheel_rad[:-1]))
     mean_rad = 0.5 * (before_rad + wheel_rad)
     rows = [None if np.isnan(row).any() else row[:, None] for row in measured]
-    means, covariances = [], []
-    for row, steer_rad in zip(rows, mean_rad, strict=True):
-        kalman.predict(u=np.array([[steer_rad]]))
-        kalman.update(row)
-        means.append(kalman.x.copy())
-        covariances.append(kalman.P.copy())
-    return _smoothed_with_input(kalman, means, covariances, mean_rad)
-
-
-def _smoothed_with_input(
-    kalman: Any, means: list[FloatArray], covariances: list[FloatArray], inputs: FloatArray
-) -> Smoothed:
-    """Return the RTS smoother's states; filterpy's own knows no input, so its part is taken out.
-
-    The part of the input, z[k+1] = F z[k] + B u[k+1], is known: the smoother takes x - z.
-    """
-    known = np.zeros((len(means), *kalman.x.shape))
-    for index in range(1, len(means)):
-        known[index] = kalman.F @ known[index - 1] + kalman.B * inputs[index]
-    x, p, _, _ = kalman.rts_smoother(np.array(means) - known, np.array(covariances))
+    means, covariances, _, _ = kalman.batch_filter(rows, us=mean_rad[:, None, None])
+    # The smoother knows no input: it takes x - z, and z[k+1] = F z[k] + B u[k+1] is known.
+    known = np.zeros_like(means)
+    for index in range(1, len(known)):
+        known[index] = kalman.F @ known[index - 1] + kalman.B * mean_rad[index]
+    x, p, _, _ = kalman.rts_smoother(means - known, covariances)
     deviations = np.sqrt(np.maximum(np.diagonal(p, axis1=1, axis2=2), 0.0))
     return Smoothed((x + known)[:, :, 0], deviations)
 

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 from rich.console import Console
 from rich.table import Table
 
 from steer_by_wire.closed_loop.reports.terminal import plain_table
-from steer_by_wire.dbc.foreign_messages import ListedMessage, read_message_set
+from steer_by_wire.dbc.foreign_messages import read_message_set
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
     add_subcommand,
@@ -47,15 +46,9 @@ status is 0 whatever it finds.
 PERIOD_MS_MIN, PERIOD_MS_MAX = 0.1, 3_600_000
 
 
-class Response(NamedTuple):
-    """A message of the bus, a frame of it, and its longest response [ns].
-
-    ``bound_ns``  with any payload; None on an overloaded bus
-    """
-
-    traffic: Traffic
-    frame: Frame
-    bound_ns: int | None
+Response = tuple[Traffic, Frame, int | None]
+"""A message of the bus, a frame of it, and its longest response with any payload [ns]; None on an
+overloaded bus."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -102,7 +95,7 @@ def _response_times(options: argparse.Namespace) -> int:
         say(RESPONSE_TIMES, what, sys.stderr)
         return ExitStatus.SETTINGS
     wire, every = wire_of(options.bitrate), [traffic for traffic, _ in sent]
-    responses = [Response(*one, worst_response_ns(one[0], every, wire)) for one in sent]
+    responses = [(*one, worst_response_ns(one[0], every, wire)) for one in sent]
     busy = load(every, wire)
     console = Console(markup=False, highlight=False)
     console.width = max(console.width, 100)
@@ -131,7 +124,7 @@ def _messages(
 
     Raises SettingsError for a file that cannot be read, and for two messages of one identifier.
     """
-    listed = [message for file in options.files for message in _read(file)]
+    listed = [message for file in options.files for message in read_message_set(file)]
     periods_ms = _periods_ms(options.period, {message.name for message in listed})
     sent, too_long, no_cycle = list[tuple[Traffic, Frame]](), list[str](), list[str]()
     for message in listed:
@@ -151,15 +144,6 @@ def _messages(
                 f"0x{frame.can_id:X}: on one bus each message needs its own"
             )
     return sent, {"as they need several frames": too_long, "without a cycle time": no_cycle}
-
-
-def _read(file: Path) -> tuple[ListedMessage, ...]:
-    try:
-        return read_message_set(file)
-    except OSError as error:
-        raise SettingsError(f"{file}: {error.strerror}") from error
-    except ValueError as error:
-        raise SettingsError(str(error)) from error
 
 
 def _periods_ms(periods: Sequence[str], names: set[str]) -> dict[str, float]:

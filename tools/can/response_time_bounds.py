@@ -62,56 +62,36 @@ def worst_response_ns(message: Traffic, messages: Sequence[Traffic], wire: Wire)
 
     ``messages`` are all on the bus, ``message`` among them, each of a priority of its own.
     """
-    higher = [m for m in messages if m.priority < message.priority]
-    occupied_ns = message.frame_ns + wire.intermission_ns
-    busy_ns = _busy_period_ns(message, messages, wire)
-    if busy_ns is None:
+    sharing = [m for m in messages if m.priority <= message.priority]
+    if load(sharing, wire) >= 1:
         return None
-    instances = -(-(busy_ns + message.jitter_ns) // message.period_ns)
-    blocking_ns = _blocking_ns(message, messages, wire)
-    worst_ns, wait_ns = 0, blocking_ns
-    for index in range(instances):
-        wait_ns = max(wait_ns, blocking_ns + index * occupied_ns)
-        while True:
-            longer_ns = (
-                blocking_ns
-                + index * occupied_ns
-                + sum(
-                    _releases(wait_ns + wire.granularity_ns, m)
-                    * (m.frame_ns + wire.intermission_ns)
-                    for m in higher
-                )
-            )
-            if longer_ns == wait_ns:
-                break
-            wait_ns = longer_ns
+    higher = [m for m in messages if m.priority < message.priority]
+    lower_ns = [m.frame_ns for m in messages if m.priority > message.priority]
+    # The longest of lower priority has won the bus a nanosecond before.
+    blocking_ns = max(lower_ns) + wire.intermission_ns - 1 if lower_ns else 0
+    occupied_ns = message.frame_ns + wire.intermission_ns
+    busy_ns = _sent_by_ns(blocking_ns + occupied_ns, blocking_ns, sharing, wire, 0)
+    worst_ns = wait_ns = 0
+    for index in range(-(-(busy_ns + message.jitter_ns) // message.period_ns)):
+        own_ns = blocking_ns + index * occupied_ns
+        wait_ns = _sent_by_ns(max(wait_ns, own_ns), own_ns, higher, wire, wire.granularity_ns)
         response_ns = message.jitter_ns + wait_ns - index * message.period_ns + message.frame_ns
         worst_ns = max(worst_ns, response_ns)
     return worst_ns
 
 
-def _busy_period_ns(message: Traffic, messages: Sequence[Traffic], wire: Wire) -> int | None:
-    """How long the bus can be busy without a break with this message and higher ones [ns]."""
-    sharing = [m for m in messages if m.priority <= message.priority]
-    if load(sharing, wire) >= 1:
-        return None
-    blocking_ns = _blocking_ns(message, messages, wire)
-    busy_ns = blocking_ns + message.frame_ns + wire.intermission_ns
+def _sent_by_ns(
+    at_least_ns: int, own_ns: int, others: Sequence[Traffic], wire: Wire, later_ns: int
+) -> int:
+    """When a bus has sent what takes ``own_ns``, and all that others release until then [ns].
+
+    ``later_ns``  how long after it they still count
+    """
     while True:
-        longer_ns = blocking_ns + sum(
-            _releases(busy_ns, m) * (m.frame_ns + wire.intermission_ns) for m in sharing
-        )
-        if longer_ns <= busy_ns:
-            return busy_ns
-        busy_ns = longer_ns
-
-
-def _blocking_ns(message: Traffic, messages: Sequence[Traffic], wire: Wire) -> int:
-    """Longest frame of lower priority, which won the bus a nanosecond before [ns]."""
-    lower_ns = [m.frame_ns for m in messages if m.priority > message.priority]
-    return max(lower_ns) + wire.intermission_ns - 1 if lower_ns else 0
-
-
-def _releases(time_ns: int, message: Traffic) -> int:
-    """How often a message can be released within a time [ns]."""
-    return -(-(time_ns + message.jitter_ns) // message.period_ns)
+        longer_ns = own_ns
+        for one in others:
+            releases = -(-(at_least_ns + later_ns + one.jitter_ns) // one.period_ns)
+            longer_ns += releases * (one.frame_ns + wire.intermission_ns)
+        if longer_ns <= at_least_ns:
+            return at_least_ns
+        at_least_ns = longer_ns

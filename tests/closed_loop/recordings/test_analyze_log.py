@@ -193,9 +193,6 @@ def test_of_several_channels_one_can_be_chosen(
     assert "no frame of channel can7; in the log: vcan0, vcan1" in capsys.readouterr().err
 
 
-# Long logs
-
-
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=400))
 def test_a_thinned_history_keeps_its_peaks_and_its_order(values: list[float]) -> None:
     history = History(points_max=16)

@@ -17,14 +17,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.frames.recorded_frames import entries_in
-from tests.support.runs.logged_run import (
-    Run,
-    analyse,
-    convert,
-    is_of,
-    write_log,
-    written,
-)
+from tests.support.runs.logged_run import Run, analyse, convert, is_of, write_log, written
 from tests.support.runs.logged_run import beginning as beginning
 from tests.support.runs.logged_run import constant as constant
 from tests.support.runs.logged_run import varying as varying
@@ -33,9 +26,6 @@ from tests.support.suite.unrendered import unrendered as unrendered
 pytestmark = pytest.mark.usefixtures("unrendered")
 
 Capture = pytest.CaptureFixture[str]
-
-
-# Damage
 
 
 SHORT = [Logged(n * 10_000_000, "can0", Frame(0x100 + n, bytes([n] * 8))) for n in range(40)]

@@ -9,12 +9,7 @@ from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.closed_loop.recordings.logged import LogError, Logged
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from tests.support.frames.recorded_frames import entries_in
-from tests.support.runs.logged_run import (
-    analyse,
-    convert,
-    same_but_for_times,
-    written,
-)
+from tests.support.runs.logged_run import analyse, convert, same_but_for_times, written
 from tests.support.runs.logged_run import beginning as beginning
 from tests.support.runs.logged_run import varying as varying
 from tests.support.suite.unrendered import unrendered as unrendered
@@ -22,10 +17,7 @@ from tests.support.suite.unrendered import unrendered as unrendered
 pytestmark = pytest.mark.usefixtures("unrendered")
 
 
-@pytest.mark.parametrize(
-    "suffix",
-    [".log", ".asc", ".blf", ".csv", ".trc"],
-)
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv", ".trc"])
 def test_every_format_of_python_can_gives_the_same_figures(
     beginning: Path, tmp_path: Path, suffix: str
 ) -> None:

@@ -94,7 +94,7 @@ def held(seeds: range) -> dict[str, list[bool]]:
     found: dict[str, list[bool]] = {}
     for seed in seeds:
         network = drawn(seed)
-        report = network.latencies.uplink.report()
+        report = network.latencies.measured["uplink"].report()
         truth = {
             "mean_s": network.uplink.mean(),
             "p50_s": network.uplink.median(),
@@ -123,10 +123,10 @@ def test_the_period_and_the_downlink_of_a_drawn_network_are_found(seed: int) -> 
     error_s = found.sensor_period_error_s
     assert abs(found.sensor_period_s - network.period_s) <= max(4.0 * error_s, 1e-9)
     true_s = np.array(network.downlink_s)
-    downlink = found.downlink.report()
+    downlink = found.measured["downlink"].report()
     assert downlink["samples"] == len(true_s)
     assert downlink["mean_s"] == pytest.approx(
-        true_s.mean(), abs=2.0 * found.downlink.level_error_s + 5e-4
+        true_s.mean(), abs=2.0 * found.measured["downlink"].level_error_s + 5e-4
     )
     assert downlink["jitter_s"] == pytest.approx(true_s.std(), abs=5e-4)
 

@@ -80,11 +80,7 @@ LINES: dict[str, tuple[str, str, Callable[[int], str]]] = {
         "timestamp,arbitration_id,extended,remote,error,dlc,data\n",
         lambda n: f"{n * 0.01},0x{0x100 + n:x},0,0,0,8,{b64encode(bytes([n] * 8)).decode()}",
     ),
-    "candump -L": (
-        ".log",
-        "",
-        lambda n: f"({n * 0.01:.6f}) can0 {0x100 + n:03X}#{payload(n, '')}",
-    ),
+    "candump -L": (".log", "", lambda n: f"({n * 0.01:.6f}) can0 {0x100 + n:03X}#{payload(n, '')}"),
     "candump -ta": (
         ".txt",
         "",

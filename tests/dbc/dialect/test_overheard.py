@@ -25,10 +25,7 @@ from steer_by_wire.dbc.dialect.gateway import Gateway
 from steer_by_wire.dbc.dialect.overheard import listening_to
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.listening import Listening
-from steer_by_wire.dbc.messages import (
-    MESSAGE_TYPES,
-    LateralError,
-)
+from steer_by_wire.dbc.messages import MESSAGE_TYPES, LateralError
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame

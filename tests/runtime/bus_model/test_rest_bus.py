@@ -75,9 +75,7 @@ def errors_with(bit_error_rate: float | None) -> BusErrors | None:
 
 
 @pytest.mark.parametrize("bit_error_rate", RATES)
-def test_the_rest_bus_is_its_frames_submitted_one_by_one(
-    bit_error_rate: float | None,
-) -> None:
+def test_the_rest_bus_is_its_frames_submitted_one_by_one(bit_error_rate: float | None) -> None:
     sent, seed = messages(1), 3
     fast_seen: Seen = []
     slow_seen: Seen = []

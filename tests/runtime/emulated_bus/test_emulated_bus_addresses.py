@@ -54,10 +54,7 @@ def test_a_socket_at_a_path_of_one_s_own_is_its_user_s_alone(
 
 def test_a_directory_that_all_may_write_to_is_refused(directory: Path) -> None:
     directory.chmod(0o777)
-    with (
-        pytest.raises(AddressError, match="every user may write"),
-        listening(directory / "socket"),
-    ):
+    with pytest.raises(AddressError, match="every user may write"), listening(directory / "socket"):
         pass
     directory.chmod(0o1777)  # as /tmp: only the owner of a file removes it
     with listening(directory / "socket"):

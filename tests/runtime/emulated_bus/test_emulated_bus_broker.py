@@ -55,9 +55,7 @@ def is_closed(client: socket.socket) -> bool:
 # Floods
 
 
-def test_a_flood_delays_a_higher_priority_by_one_frame(
-    bench: Bench,
-) -> None:
+def test_a_flood_delays_a_higher_priority_by_one_frame(bench: Bench) -> None:
     one, other, flooder = (bench.join() for _ in range(3))
     in_flight = 0
     for _ in range(200):
@@ -121,6 +119,3 @@ def test_a_client_that_never_reads_is_disconnected(
     (line,) = bench.lines
     assert line.startswith("client 3 of 'can0'")
     assert "it does not read" in line
-
-
-# Garbage

@@ -14,8 +14,6 @@ from tests.support.programs.broker_bench import (
 )
 from tests.support.programs.broker_bench import bench as bench
 
-# Coming and going
-
 
 def test_the_last_frames_of_a_client_that_leaves_still_go_out(bench: Bench) -> None:
     listener, leaver = bench.join(), bench.join()
@@ -27,9 +25,6 @@ def test_the_last_frames_of_a_client_that_leaves_still_go_out(bench: Bench) -> N
     assert received(listener) == frames
     assert bench.gone(Cause.LEFT) == 1
     assert bench.lines == []
-
-
-# What is reported
 
 
 def test_each_disconnection_is_one_line_and_is_counted(bench: Bench) -> None:

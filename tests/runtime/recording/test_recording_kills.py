@@ -48,9 +48,7 @@ def test_a_program_that_is_killed_leaves_a_complete_file(tmp_path: Path, suffix:
     wait_until(is_complete, f"1000 frames in {path}")
 
 
-def test_a_killed_recorder_leaves_all_in_order(
-    tmp_path: Path,
-) -> None:
+def test_a_killed_recorder_leaves_all_in_order(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     recording = Recording(path, "vcan0")
     start_ns = time.monotonic_ns()

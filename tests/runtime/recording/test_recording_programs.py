@@ -84,9 +84,7 @@ def test_a_recording_that_fails_leaves_the_report_and_status_4(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds the recorder in /proc")
-def test_ctrl_c_ends_a_program_that_waits_for_its_recording(
-    tmp_path: Path,
-) -> None:
+def test_ctrl_c_ends_a_program_that_waits_for_its_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     os.mkfifo(path)  # opening it waits for somebody who reads
     options = ["-i", "virtual", "-c", "0", "--record", str(path)]
@@ -117,6 +115,3 @@ def is_recording(pid: int) -> bool:
         ignored = int(status.partition("SigIgn:")[2].split()[0], 16)
         return bool(ignored & 1 << signal.SIGINT - 1)
     return False
-
-
-# Two programs

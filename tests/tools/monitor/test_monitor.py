@@ -25,9 +25,9 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
-from tests.support.frames.made_messages import error_of, message_with
+from tests.support.frames.made_messages import message_with
 from tests.support.frames.recorded_frames import entries_in
 
 NS = 1_000_000_000
@@ -69,20 +69,6 @@ def test_a_watch_has_the_newest_of_every_signal(entries: list[Logged]) -> None:
     for kind in (LateralError, SteeringCommand, SteeringStatus, ControllerStatus, PlantStatus):
         assert watch.newest().of(kind) == newest[kind]
     assert watch.frames_per_s(now_ns) == pytest.approx(len(entries) / 20.0, rel=0.1)
-
-
-def test_a_watch_counts_what_is_refused_by_cause(entries: list[Logged]) -> None:
-    watch, now_ns = watched(entries)
-    good = encode(error_of(), 0)
-    bad = Frame(good.can_id, bytes([good.data[0] ^ 1]) + good.data[1:])
-    foreign = [Frame(0x7A0 + number, b"") for number in range(3)]
-    for frame in (bad, Frame(0x20, b"", ERROR), *foreign, bad):
-        watch.on_frame(frame, now_ns)
-    listener = watch.listener
-    assert listener.refused == {"bad_crc": 2}
-    assert (listener.foreign_frames, [*listener.foreign]) == (3, [0x7A0, 0x7A1, 0x7A2])
-    assert listener.error_frames == 1
-    assert next(row.refused for row in watch.messages(now_ns) if row.name == "LATERAL_ERROR") == 2
 
 
 def test_what_stays_away_is_stale_and_then_forgotten(entries: list[Logged]) -> None:
