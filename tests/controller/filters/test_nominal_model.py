@@ -62,12 +62,6 @@ def test_an_unstable_nominal_vehicle_is_refused() -> None:
         vehicle_model(OVERSTEERING._replace(speed_m_s=20.0))
 
 
-def test_powers_of_s_cancel_exactly() -> None:
-    double_zero = TransferFunction(2, (), (Factor(1.0, 2.0, 1.0),))
-    assert double_zero.times(paper_eq19()).power_of_s == 0
-    assert paper_eq19().times(paper_eq19().inverse()).power_of_s == 0
-
-
 @pytest.mark.parametrize(
     ("transfer", "message"),
     [
