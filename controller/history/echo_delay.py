@@ -23,6 +23,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import SteeringStatusCode
+from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import Settings
 
 _OFFSET_STEP_NS_MAX = 1_000_000_000
@@ -81,12 +82,13 @@ def delay_step(
     """
     if tick < 0 or (status >= _IGNORING_FROM and status != _DRIVER_STEERS):
         return x
+    echoes, mean_ns = x
     offset_ns = float(sample * p.sensor_period_ns - tick * p.period_ns)
-    deviation_ns = offset_ns - x.offset_ns
-    if x.echoes == 0 or abs(deviation_ns) > _OFFSET_STEP_NS_MAX:
+    deviation_ns = offset_ns - mean_ns
+    if echoes == 0 or abs(deviation_ns) > _OFFSET_STEP_NS_MAX:
         return DelayState(1, offset_ns)
-    weight = 1.0 / min(x.echoes + 1.0, p.averaging_samples)
-    return DelayState(x.echoes + 1, x.offset_ns + weight * deviation_ns)
+    weight = 1.0 / min(echoes + 1.0, p.averaging_samples)
+    return new_record(DelayState, (echoes + 1, mean_ns + weight * deviation_ns))
 
 
 def delay_of(p: LoopDelayParams, x: DelayState, echo_sample: int) -> float:

@@ -179,11 +179,12 @@ def echo_step(
 
     Lost samples get the values of the previous echo.
     """
+    sample_before, _, delay = x
     sample = _sample_of(p.loop_delay, x, errors, counter, now_ns)
-    if sample <= x.sample:
+    if sample <= sample_before:
         return x
-    before = x.sample & _MASK
-    for lost in range(max(x.sample + 1, sample - RING_SIZE), sample):
+    before = sample_before & _MASK
+    for lost in range(max(sample_before + 1, sample - RING_SIZE), sample):
         index = lost & _MASK
         rings.applied_tick[index] = rings.applied_tick[before]
         rings.is_overruled[index] = rings.is_overruled[before]
@@ -193,10 +194,10 @@ def echo_step(
     rings.applied_tick[index] = tick
     rings.is_overruled[index] = status >= _OVERRULED_FROM
     rings.wheel_rad[index] = wheel_rad
-    delay = x.delay
     if _is_late(p, x, now_ns):  # network or plant may have changed since
         delay = NO_DELAY
-    return Echoes(sample, now_ns, delay_step(p.loop_delay, delay, sample, tick, status))
+    delay = delay_step(p.loop_delay, delay, sample, tick, status)
+    return new_record(Echoes, (sample, now_ns, delay))
 
 
 def command_step(
@@ -215,7 +216,7 @@ def command_step(
         hold(rings.plans[tick & plan_mask], sent_rad)
     rings.sent_rad[tick & _MASK] = sent_rad
     rings.command_tick[x.sent & _MASK] = tick
-    return Commands(x.sent + 1, tick)
+    return new_record(Commands, (x.sent + 1, tick))
 
 
 def path_step(
@@ -265,16 +266,18 @@ def loop_delay_at(
     """
     if vehicle_ns < 0:
         return LoopDelay(tick, -1, -1, 0.0, False, path_end, -1)
-    if echoes.sample < 0:
-        return LoopDelay(tick, errors.sample, -1, 0.0, False, path_end, -1)
+    (sample, _, rate), (echo_sample, _, delay), of_loop = errors, echoes, p.loop_delay
+    if echo_sample < 0:
+        return LoopDelay(tick, sample, -1, 0.0, False, path_end, -1)
     is_recent = now_ns - vehicle_ns <= p.limits.vehicle_state_ns
-    is_measured = is_recent and not _is_late(p, echoes, now_ns) and not errors.rate.is_wrong
-    delay_ns = delay_of(p.loop_delay, echoes.delay, echoes.sample)
-    settled = min(errors.sample, echoes.sample)
-    if p.loop_delay.yaw_rate_samples:
+    is_measured = is_recent and not _is_late(p, echoes, now_ns) and not rate.is_wrong
+    delay_ns = delay_of(of_loop, delay, echo_sample)
+    settled = min(sample, echo_sample)
+    if of_loop.yaw_rate_samples:
         known = yaw_rates.sample + yaw_rates.every - 1
-        settled = min(settled, max(known, errors.sample - _WAITED_FOR))
-    return LoopDelay(tick, errors.sample, echoes.sample, delay_ns, is_measured, path_end, settled)
+        settled = min(settled, max(known, sample - _WAITED_FOR))
+    found = (tick, sample, echo_sample, delay_ns, is_measured, path_end, settled)
+    return new_record(LoopDelay, found)
 
 
 def _sample_of(
@@ -302,7 +305,8 @@ def _tick_of(rings: History, commands: Commands, applied_counter: int, status: i
 
 
 def _is_late(p: HistoryParams, echoes: Echoes, now_ns: int) -> bool:
-    return echoes.sample >= 0 and now_ns - echoes.arrival_ns > p.limits.steering_status_ns
+    sample, arrival_ns, _ = echoes
+    return sample >= 0 and now_ns - arrival_ns > p.limits.steering_status_ns
 
 
 def empty_history(*, keeps_plans: bool) -> History:
