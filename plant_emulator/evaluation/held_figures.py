@@ -87,7 +87,6 @@ def held_step(
             settled_peak_m = off_m
     if off_m > judged_peak_m:
         judged_peak_m = off_m
-    # ``max`` and field names would take three times as long.
     if abs(error_m) > preview_peak_m:
         preview_peak_m = abs(error_m)
     if abs(deviation_m) > peak_m:
