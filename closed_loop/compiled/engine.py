@@ -36,6 +36,7 @@ from .loop_records import (
     LAW_OUTPUT,
     MEASURED,
     SENT,
+    SENT_AT,
     SPEED,
     STATE_SAMPLE,
     TICK_SAMPLE,
@@ -128,7 +129,7 @@ class CompiledRun(NamedTuple):
     @property
     def command_rad(self) -> FloatArray:
         """The command in effect at each sample, as on the wire; NaN before the first."""
-        in_effect = self.schedule.command_tick[self.command[self.command >= 0]]
+        in_effect = self.schedule.instants.commands[SENT_AT, self.command[self.command >= 0]]
         sent_at = in_effect - self.schedule.first_tick
         command_rad = np.full(len(self.command), np.nan)
         raw = np.rint(self.sent_rad[sent_at] / STEER_RESOLUTION_RAD)
@@ -370,7 +371,7 @@ def _collected(
     ticks: int,
     outcome: Outcome,
 ) -> CompiledRun:
-    first = len(schedule.sample_ns) - len(schedule.time_s)
+    first = len(schedule.instants.sample_ns) - len(schedule.time_s)
     if outcome is Outcome.LEFT_RANGE and not math.isfinite(r.samples[ERROR, samples - 1]):
         samples -= 1  # a car that has left its path
     window, steered = slice(first, samples), slice(schedule.first_tick, ticks)

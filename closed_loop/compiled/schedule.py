@@ -31,7 +31,7 @@ from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NEVER_NS, NS_PER_S
 from .hand_wheel_events import WheelEvents, wheel_events
 from .law_input import Uplink, quantised
-from .loop_records import DUE_NS, SENT_AT, Inbox, Instants, Segment
+from .loop_records import Inbox, Instants, Segment
 from .network import Arrivals, arrivals_of, sensor_noise, to_plant_of
 from .step_functions import register_steps
 
@@ -46,8 +46,7 @@ SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 class RunSchedule(NamedTuple):
     """The instants of a run.
 
-    ``instants``   as the loop reads them, without what only some runs need; the next four are rows
-                   of these
+    ``instants``   as the loop reads them, without what only some runs need
     ``time_s``     of each sample since the motion's start, shape (samples since then,)
     ``tick_s``     of each tick, from the start of the run
     ``segments``   the controller's modes, in order
@@ -60,10 +59,6 @@ class RunSchedule(NamedTuple):
     """
 
     instants: Instants
-    tick_ns: IntArray
-    command_due_ns: IntArray
-    command_tick: IntArray
-    sample_ns: IntArray
     command_latency_ns: IntArray
     time_s: FloatArray
     tick_s: FloatArray
@@ -186,10 +181,6 @@ def schedule_run(
     )
     return RunSchedule(
         instants=instants,
-        tick_ns=tick_ns,
-        command_due_ns=instants.commands[DUE_NS],
-        command_tick=instants.commands[SENT_AT],
-        sample_ns=sample_ns,
         command_latency_ns=to_plant.latency_ns[is_command],
         time_s=np.multiply(motion_ns[is_moving], 1e-9),
         tick_s=np.multiply(tick_ns, 1e-9),
@@ -255,7 +246,7 @@ def _segments(
 
 def inbox_of(plant: PlantSettings, controller: ControllerSettings, schedule: RunSchedule) -> Inbox:
     """Return the inbox of one run's law, with all that does not depend on how the vehicle moves."""
-    samples = len(schedule.sample_ns)
+    samples = len(schedule.instants.sample_ns)
     every = samples_per_vehicle_state(plant.sensor_period_ns)
     messages = 0 if plant.path_ahead is None else -(-samples // every)
     return Inbox(
@@ -281,6 +272,7 @@ def _path_spacing_m(plant: PlantSettings) -> float:
     return float(quantised(wanted_m, resolutions(PathAhead)["path_spacing_m"]))
 
 
+@lru_cache(maxsize=256)
 def quantised_speed_m_s(speed_m_s: float) -> float:
     """Return the speed as VEHICLE_STATE carries it [m/s]."""
     highest_m_s = limits(VehicleState)["speed_m_s"].maximum

@@ -32,6 +32,7 @@ from ...runtime.output_file import open_text, write_text
 from ...runtime.settings.settings import DIGESTS
 from ...runtime.settings.toml_text import dump_toml
 from ..compiled.engine import rms_of
+from ..compiled.loop_records import TICK_NS
 from ..pair.named_files import digest_lines, with_absolute_names
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ class ControllerTable(NamedTuple):
         for segment in run.schedule.segments:
             mode[segment.first_tick : segment.last_tick] = segment.mode
         law_rad, *estimates = run.law_output.T.copy()
-        tick_ns = run.schedule.tick_ns[first : first + ticks]
+        tick_ns = run.schedule.instants.ticks[TICK_NS][first : first + ticks]
         unknown = np.full(ticks, np.nan)
         return cls(
             np.multiply(tick_ns - run.schedule.motion_start_ns, 1e-9),

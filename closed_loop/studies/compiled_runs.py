@@ -193,12 +193,13 @@ class Computer:
 
 def _samples_before_motion(plant: PlantSettings, plan: RunSchedule) -> int:
     start_ns = plan.motion_start_ns + plant.start_on_first_command
-    return int(np.searchsorted(plan.sample_ns, start_ns))
+    return int(np.searchsorted(plan.instants.sample_ns, start_ns))
 
 
 def _acted(plan: RunSchedule, ticks: int, samples: int) -> int:
     """Return how many commands of the first ticks reached the actuator by the last sample."""
     if samples == 0:
         return 0
-    in_time = plan.command_due_ns <= plan.sample_ns[samples - 1]
-    return int(np.count_nonzero(in_time & (plan.command_tick < ticks)))
+    due_ns, sent_at = plan.instants.commands
+    in_time = due_ns <= plan.instants.sample_ns[samples - 1]
+    return int(np.count_nonzero(in_time & (sent_at < ticks)))

@@ -46,8 +46,8 @@ def settings_of(law: str, overrides: Sequence[str] = ()) -> ControllerSettings:
 def age_ns(wire: Inbox, message: Uplink, plan: RunSchedule) -> NDArray[np.int64]:
     """The age of a message at each tick, -1 before the first."""
     arrival_ns = wire.arrivals[ARRIVED_NS, wire.arrivals[MESSAGE] == message]
-    newest = np.searchsorted(arrival_ns, plan.tick_ns, side="right") - 1
-    return np.where(newest >= 0, plan.tick_ns - arrival_ns[newest], -1)
+    newest = np.searchsorted(arrival_ns, plan.instants.ticks[0], side="right") - 1
+    return np.where(newest >= 0, plan.instants.ticks[0] - arrival_ns[newest], -1)
 
 
 @pytest.mark.parametrize("limits", [(), SHORT_LIMITS], ids=["default limits", "short limits"])
@@ -59,7 +59,7 @@ def test_a_compiled_run_equals_the_nodes_where_messages_go_stale(
     run = assert_same_as_nodes(plant_settings, controller)
     plan = schedule_run(plant_settings, controller)
     wire = inbox_of(plant_settings, controller, plan)
-    is_active = np.zeros(len(plan.tick_ns), dtype=np.bool_)
+    is_active = np.zeros(len(plan.instants.ticks[0]), dtype=np.bool_)
     for segment in plan.segments:
         if segment.mode == Mode.ACTIVE:
             is_active[segment.first_tick : segment.last_tick] = True

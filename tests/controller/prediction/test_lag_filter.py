@@ -57,7 +57,7 @@ def driven(lag_s: float) -> CompiledRun:
 def history_of(run: CompiledRun, lost_share: float = 0.0) -> History:
     """Every sample as the plant reports it; a lost one has the values of the one before."""
     wheel_rad, ticks = run.wheel_angle_rad.copy(), np.full(len(run.command), -1)
-    ticks[run.command >= 0] = run.schedule.command_tick[run.command[run.command >= 0]]
+    ticks[run.command >= 0] = run.schedule.instants.commands[1, run.command[run.command >= 0]]
     for sample in np.flatnonzero(np.random.default_rng(5).random(len(ticks)) < lost_share):
         ticks[sample], wheel_rad[sample] = ticks[sample - 1], wheel_rad[sample - 1]
     nothing, never = [0.0] * len(ticks), [False] * len(ticks)
