@@ -24,6 +24,7 @@ void lockstep_exchange(struct lockstep_record *record)
         /* At most as many answers as frames that have been read. */
         out->can_id = command.can_id;
         out->length = command.length;
+        out->format = 0; /* the frame that was there may have been one of CAN FD */
         memcpy(out->data, command.data, sizeof command.data);
         answers++;
     }

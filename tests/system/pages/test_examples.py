@@ -28,7 +28,7 @@ from steer_by_wire.closed_loop.rig.rig import Rig
 from steer_by_wire.dbc.messages import Decoded, decode, encode
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.port.socketcan import SocketCanPort
@@ -219,10 +219,11 @@ def test_the_controller_in_c_sends_the_same_bytes(folder: Path) -> None:
     _, node = foreign_run()
     spoilt = [Frame(0x110, bytes(8)), Frame(0x100, node.said[0]), Frame(0x110, bytes(1))]
     heard = [Frame(0x110, data) for data in node.heard]
+    foreign = 0, Frame(0x200, bytes(12), FD)  # whose place in the record the answer takes
     said: list[Arrival] = []
     with LockstepProgram([tests.build(folder, "on_lockstep")]) as program:
         for frame in (*spoilt, *heard, heard[-1]):  # the last one is a repetition
-            said += program.exchange(Record(FRAMES, 0, [(0, frame)])).frames
+            said += program.exchange(Record(FRAMES, 0, [foreign, (0, frame)])).frames
     assert [frame for _, frame in said] == [Frame(0x100, data) for data in node.said]
 
 
