@@ -35,7 +35,7 @@ from ...hand_wheel.settings import HandWheelSettings
 from ...hand_wheel.wheel import GRIPS
 from ...hand_wheel.wheel_step import Hands
 from ...runtime.frame import Frame
-from ...runtime.node import NEVER_NS, NS_PER_MS
+from ...runtime.node import NEVER_NS, NS_PER_MS, Wrapper
 from ...runtime.node.end import End
 from ...runtime.node.periodic import PeriodicTimer
 from ...runtime.node.real_time_loop import RealTimeExecutor
@@ -147,42 +147,36 @@ class HandNode:
         return (self._commands.frame(command),)
 
 
-class Seat:
+class Seat(Wrapper[Any]):
     """The hand with the visitor's other orders: the speed of the car, and the feedback law.
 
-    ``node``    HandNode or HandWheelNode
+    ``node``    HandNode, which has no feedback law, or HandWheelNode
     ``pedals``  whether to send SPEED_REQUEST, before all else: the car is to wait for it
     """
 
-    finished = False
-
     def __init__(self, node: Any, hand: HandFile, start_ns: int, *, pedals: bool) -> None:
-        self._node, self._hand, self._wheel = node, hand, ""
+        super().__init__(node)
+        self._hand, self._wheel = hand, ""
         self._speeds = PeriodicTimer(start_ns if pedals else NEVER_NS, _SPEED_PERIOD_NS)
         self._requests = Sender(SpeedRequest)
 
     @property
     def deadline_ns(self) -> int:
         """When the next frame is due."""
-        return min(int(self._node.deadline_ns), self._speeds.deadline_ns)
-
-    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Pass a frame on."""
-        frames: Sequence[Frame] = self._node.on_frame(frame, now_ns)
-        return frames
+        return min(int(self.node.deadline_ns), self._speeds.deadline_ns)
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Send what is due."""
         orders = self._hand.read(now_ns) or Orders()
-        if orders.wheel not in ("", self._wheel):
+        if orders.wheel not in ("", self._wheel) and isinstance(self.node, HandWheelNode):
             self._wheel = orders.wheel
-            self._node.feel(HAND_WHEELS[orders.wheel])
-        frames = []
+            self.node.feel(HAND_WHEELS[orders.wheel])
+        frames: list[Frame] = []
         if self._speeds.deadline_ns <= now_ns:
             self._speeds.advance(now_ns)
             frames.append(self._requests.frame(SpeedRequest(speed_max_m_s=orders.speed_m_s)))
-        if self._node.deadline_ns <= now_ns:
-            frames += self._node.on_tick(now_ns)
+        if self.node.deadline_ns <= now_ns:
+            frames += self.node.on_tick(now_ns)
         return frames
 
 

@@ -73,7 +73,7 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("front_grip_used", "grip front", "%", 100.0, 0),
     Signal("rear_grip_used", "grip rear", "%", 100.0, 0),
     Signal("front_load_share", "load in front", "%", 100.0, 1),
-    Signal("lateral_acceleration_m_s2", "across", "m/s²", 1.0, 2),
+    Signal("lateral_acceleration_m_s2", "lateral acceleration", "m/s²", 1.0, 2),
 )
 NAMES = tuple(signal.name for signal in SIGNALS)
 
@@ -86,9 +86,7 @@ CHARTS: tuple[Chart, ...] = (
 
 OF_HAND_WHEEL: tuple[Chart, ...] = (
     Chart("Hand wheel", ("hand_wheel_rad",), "hand_wheel_rad"),
-    Chart(
-        "Torque at the wheel", ("driver_torque_n_m", "feedback_torque_n_m"), "feedback_torque_n_m"
-    ),
+    Chart("Torque", ("driver_torque_n_m", "feedback_torque_n_m"), "feedback_torque_n_m"),
     Chart("Rack force", ("rack_force_n",), "rack_force_n"),
 )
 """In place of round trip and latency, where there is one."""

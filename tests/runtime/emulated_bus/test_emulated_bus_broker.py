@@ -1,4 +1,4 @@
-"""The broker with a fake clock: floods, stalls and garbage do not affect other clients.
+"""The broker with a fake clock: floods and stalls do not affect other clients.
 
 Clients are ordinary sockets, the broker is stepped by hand in the same thread: nothing here waits.
 """

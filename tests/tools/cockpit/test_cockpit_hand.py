@@ -78,7 +78,9 @@ def test_a_car_is_asked_for_the_visitors_speed_and_stops_without_him(tmp_path: P
     requests = []
     for tick in range(70):
         if tick < 10:
-            file.write(Orders(0.1, speed_m_s=12.5), START_NS + tick * PERIOD_NS)
+            # One without a hand wheel has no feedback law to change.
+            orders = Orders(0.1, speed_m_s=12.5, wheel="hand_wheel")
+            file.write(orders, START_NS + tick * PERIOD_NS)
         frames = seat.on_tick(START_NS + tick * PERIOD_NS)
         messages = [
             decoded.message for frame in frames if isinstance(decoded := decode(frame), Decoded)
@@ -103,6 +105,8 @@ def test_another_feedback_law_makes_the_torque_from_the_next_cycle_on(
     as_begun = settings.model_copy(update={"feedback": wanted})
     assert node.report()["law"] == wanted.law
     assert node.cycle_params == as_begun.cycle_params
+    node.finished = True  # by a fault of its own
+    assert seat.finished
 
 
 def test_a_lane_with_a_hand_wheel_has_a_car_of_its_own_that_it_steers() -> None:

@@ -357,7 +357,7 @@ def test_a_car_is_driven_from_standstill_to_standstill(browser: Browser, live: s
     assert browser.read(value_of("front_load_share")) < at_rest
     browser.read("delete navigator.getGamepads")
     shown = browser.read("document.getElementById('gauges').innerText")
-    for label in ("Speed", "Yaw rate", "Across", "Rack force", "Grip front", "Load rear"):
+    for label in ("Speed", "Yaw rate", "Lateral", "Rack force", "Grip front", "Load rear"):
         assert label in shown
     browser.resize(390, 844, is_phone=True)
     assert browser.read("document.documentElement.scrollWidth") == 390
@@ -388,7 +388,7 @@ def test_a_wheel_shakes_in_no_hands_until_the_cdob_has_it(browser: Browser, live
     moment = browser.wait_for(f"{said}.match(/begun to shake .* plain: since (\\d+) s/)")
     assert 0 < int(moment[1]) <= browser.read("cockpit.nowS")
     assert browser.read("window.felt") > 0
-    browser.read(press("now with the CDOB"))
+    browser.read(press("with the CDOB"))
     browser.wait_for(f"/still, .* with the CDOB: again since/.test({said})")
     browser.read("delete navigator.getGamepads")
     in_order(browser, live)

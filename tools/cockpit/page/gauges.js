@@ -24,7 +24,7 @@ export class Gauges {
   lane(facts, several) {
     const rest = facts.rear_axle_m / (facts.front_axle_m + facts.rear_axle_m);
     const by = {
-      speed: gauge("Speed", "big"), yaw: gauge("Yaw rate"), side: gauge("Across"),
+      speed: gauge("Speed", "big"), yaw: gauge("Yaw rate"), side: gauge("Lateral"),
       rack: gauge("Rack force", "", 0.5),
       front: gauge("Grip front", "", 1 / GRIP_END), rear: gauge("Grip rear", "", 1 / GRIP_END),
       frontLoad: gauge("Load front", "", rest), rearLoad: gauge("Load rear", "", 1 - rest),
