@@ -196,11 +196,8 @@ class _Judge:
         moved = x.copy()
         moved[at] += step
         of_sensor = ":" in parameter.name or parameter.name == "yaw_rate_offset_rad_s"
-        response = (
-            base
-            if of_sensor
-            else respond(self.grid, self.problem.values(moved), self.problem)
-        )  # fmt: skip
+        values = self.problem.values(moved)
+        response = base if of_sensor else respond(self.grid, values, self.problem)
         slope: FloatArray = (self._weighted(moved, response) - here) / step
         return slope
 
@@ -283,10 +280,8 @@ def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     share = lags / len(scores)
     critical = 1.96 + share * (2.9694 + share * (0.4160 - 0.5324 * share))
     cost = float(residuals @ residuals)
-    deviations = judge.deviations
-    return Fit(
-        problem, x, covariance, plain, inverse, critical, errors, deviations, cost, is_whole
-    )  # fmt: skip
+    found = x, covariance, plain, inverse, critical, errors, judge.deviations, cost, is_whole
+    return Fit(problem, *found)
 
 
 def _scores(samples: Sequence[Samples], products: FloatArray) -> FloatArray:

@@ -119,9 +119,7 @@ def _is_coloured(found: Fit) -> bool:
     return found.is_whole and found.is_coloured
 
 
-def _others(
-    found: Fit, grid: Grid, samples: Sequence[Samples], progress: Progress
-) -> list[Fit]:  # fmt: skip
+def _others(found: Fit, grid: Grid, samples: Sequence[Samples], progress: Progress) -> list[Fit]:
     """Return the fit with tyres of the other kind, unless the errors say that these are right."""
     if not _is_coloured(found):
         return []
