@@ -1,10 +1,12 @@
 """The set of constant delays at which a loop is stable, up to a limit, as intervals.
 
 The set need not be an interval that starts at zero: an observer can make a loop unstable at 80 ms
-and stable at 160 ms. Stability is judged at steps, and where two neighbours differ the boundary
-between them is bisected to RESOLUTION_NS. A stretch that begins and ends between two steps is
-missed: they are FINE_STEP_NS apart for a loop of one rate, which is less than a bus varies by, and
-SCAN_STEP_NS for a ``PeriodicLoop``, each of whose judgements takes long.
+and stable at 160 ms. Stability is judged at every SCAN_STEP_NS. Where two neighbours differ, the
+boundary between them is bisected to RESOLUTION_NS.
+
+A loop of one rate is also judged between every two delays at which a mode crosses the stability
+limit, so that no stretch is missed for being short, down to RESOLUTION_NS. Of a ``PeriodicLoop``, a
+stretch that begins and ends between two steps is missed.
 
 A loop of one rate is judged by the argument principle (``growing_modes``). It agrees with the
 eigenvalues of ``SampledLoop``, but its cost does not grow with the number of commands in transit.
@@ -19,7 +21,7 @@ from .growing_modes import GrowingModes
 from .periodic_loop import PeriodicLoop
 from .sampled_loop import SampledLoop
 
-SCAN_STEP_NS, FINE_STEP_NS = 10_000_000, 1_000_000
+SCAN_STEP_NS = 10_000_000
 RESOLUTION_NS = 10_000
 DELAY_NS_MAX = 600_000_000
 
@@ -43,17 +45,16 @@ def stable_delays(loop: Loop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[Interva
         # Just after a step, too: the measured delay may jump there.
         tested = sorted({*scan, *(delay_ns + 1 for delay_ns in scan[:-1])})
         return stable_intervals({each: loop.is_stable(each) for each in tested}, loop.is_stable)
-    modes, judged = GrowingModes(loop, delay_ns_max), dict[int, bool]()
+    modes = GrowingModes(loop, delay_ns_max)
+    crossings = [0, *(round(delay_ns) for delay_ns in modes.crossings_ns()), delay_ns_max]
+    between = {(a + b) // 2 for a, b in pairwise(crossings) if b - a > RESOLUTION_NS}
 
     def is_stable(delay_ns: int) -> bool:
         return modes.count(delay_ns) == 0
 
-    for low_ns, high_ns in pairwise(scan):
-        between = [*range(low_ns, high_ns, FINE_STEP_NS), high_ns]
-        verdicts = {each: is_stable(each) for each in between}
-        changes = sum(verdicts[a] != verdicts[b] for a, b in pairwise(between))
-        judged |= verdicts if changes > 1 else {each: verdicts[each] for each in (low_ns, high_ns)}
-    return stable_intervals(judged, is_stable)
+    return stable_intervals(
+        {each: is_stable(each) for each in sorted({*scan, *between})}, is_stable
+    )
 
 
 def stable_intervals(
