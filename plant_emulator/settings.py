@@ -70,7 +70,7 @@ class PlantSettings(Settings):
     """Send PATH_AHEAD, which needs CAN FD; if omitted, the controller knows only the curvature
     at the preview point."""
     ground_truth: bool = False
-    """Whether GROUND_TRUTH, of a car CAR_TRUTH too, is sent with each sample, for monitors."""
+    """Whether GROUND_TRUTH, and CAR_TRUTH of a car, are sent with each sample, for monitors."""
     steering_force: SteeringForceSettings | None = None
     """Send STEERING_FORCE; if omitted, no one is told the force on the rack."""
     hand_wheel: HandWheelSettings | None = None

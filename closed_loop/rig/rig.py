@@ -152,7 +152,7 @@ class Rig:
                 foreign = hand_wheel
             plant, settings, own = with_hand_wheel(plant, settings, own)
             files.write_settings(plant, settings, hand_wheel=own if foreign is None else None)
-            with _made(foreign or own) as wheel:
+            with _made(own if foreign is None else foreign) as wheel:
                 outcome = self._in_virtual_time(ControllerNode(settings, 0), plant, files, wheel)
         return outcome._replace(rate_hz=NS_PER_S / settings.period_ns)
 

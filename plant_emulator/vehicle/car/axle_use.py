@@ -2,7 +2,7 @@
 
     use = √(F_x² + F_y²)/(μ F_z)        1: the tyres of this axle can give no more
 
-The forces are those of ``car_step`` at the present state.
+The forces are those of ``car_step`` at the present state, without the damper near standstill.
 """
 
 from math import hypot

@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -28,7 +28,7 @@ from steer_by_wire.tools.design.search.evolution import (
     without_end,
 )
 from steer_by_wire.tools.design.search.law_parameters import bounds, controller_settings
-from steer_by_wire.tools.design.search.parameter_search import cost
+from steer_by_wire.tools.design.search.parameter_search import cost, find
 from steer_by_wire.tools.design.specification import Specification
 from tests.support.loops.shipped_design import (
     PAPER_VEHICLE,
@@ -114,6 +114,25 @@ def test_a_demand_left_out_keeps_no_law_from_its_runs(tmp_path: Path) -> None:
     assert 0 < len(missed) < 4
     assert math.isinf(judged("settling").objective)
     assert math.isfinite(judged("settling", *missed).objective)
+
+
+def test_a_known_design_takes_the_place_of_the_first_start(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    begun: list[tuple[Values | None, float]] = []
+
+    def evolve(
+        _: Search, _seed: int, _generations: int, near: Values | None, spread: float
+    ) -> Iterator[float]:
+        begun.append((near, spread))
+        yield from ()
+
+    study = make_study(small_spec(tmp_path, "search.starts=2"), shipped_vehicle(), fine=False)
+    known = {"k_p": 1.48, "k_d": 0.061, "derivative_filter": 27.0}
+    monkeypatch.setattr(Search, "evolve", evolve)
+    monkeypatch.setattr(Search, "best", lambda *_: [known])
+    find(study, study, "pd", without_end, known)
+    assert begun == [(known, 0.05), (None, 0.25)]
 
 
 def ridge(values: Values) -> float:

@@ -52,7 +52,7 @@ class Confirmation(NamedTuple):
 def confirm(study: Study, law: str, values: Values) -> Confirmation:
     """Return the results from the eigenvalues of every loop of the specification.
 
-    The search counts encirclements on a grid; this has no grid.
+    The search counts encirclements on a grid of frequencies; this has none.
     """
     spec = study.spec
     design, _ = designs(controller_settings(spec, study.vehicle, law, values))
