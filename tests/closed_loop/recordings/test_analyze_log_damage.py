@@ -3,6 +3,7 @@
 import gzip
 import json
 import re
+from base64 import b64encode
 from pathlib import Path
 from random import Random
 
@@ -67,6 +68,27 @@ def test_a_log_that_is_cut_anywhere_says_so_and_has_no_frame_that_was_not_there(
     is_inside_a_line = began and content[len(left) :].lstrip(b"\r")[:1] != b"\n"
     if suffix in COUNTED_ENDS or is_inside_a_line:
         assert log.cut_off or frames == wanted
+
+
+@pytest.mark.parametrize("suffix", [".log", ".csv", ".trc", ".asc"])
+def test_a_line_that_is_cut_anywhere_is_no_frame(short: dict[str, Path], suffix: str) -> None:
+    """Also where what is left reads as one: half of a payload, or all of a line but its end."""
+    lines = short[suffix].read_bytes().splitlines(keepends=True)
+    last = max(at for at, line in enumerate(lines) if is_of_byte(39, line))
+    path = short[suffix].with_name(f"torn{suffix}")
+    for length in range(len(lines[last].rstrip(b"\r\n")) + 1):
+        left = lines[last][:length]
+        path.write_bytes(b"".join([*lines[:last], left]))
+        log = open_log(path)
+        assert [logged.frame for logged in log] == [entry.frame for entry in SHORT[:39]]
+        assert log.unreadable == bool(left.strip()) == bool(log.cut_off)
+
+
+def is_of_byte(value: int, line: bytes) -> bool:
+    """Whether a line of some format holds eight times a byte."""
+    data = bytes([value] * 8)
+    words = data.hex(), data.hex(" "), b64encode(data).decode()
+    return any(word in line.decode() for word in words)
 
 
 @pytest.mark.parametrize(

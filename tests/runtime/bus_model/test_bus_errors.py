@@ -74,6 +74,13 @@ def test_a_more_urgent_frame_goes_before_the_repetition() -> None:
     assert bus.load.busy_ns == bits * BIT_NS
 
 
+def test_a_repetition_goes_before_a_later_frame_of_its_identifier() -> None:
+    bus, later = BusModel(BITRATE_BIT_S, errors=errors_at(middle_of(5))), Frame(0x100, b"later")
+    for frame in (FRAME, later):
+        bus.submit(frame, 0, 0)
+    assert [frame for _, frame in until_idle(bus)[0]] == [FRAME, later]
+
+
 def test_noise_just_before_a_frame_leaves_it_alone() -> None:
     # A bit of 1428 4/7 ns: the second frame begins between two nanoseconds.
     length = sum(frame_bits(FRAME))
