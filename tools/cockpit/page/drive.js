@@ -88,6 +88,7 @@ export class Drive {
     this.speed.hidden = this.drives || !SPEEDS_KM_H.includes(this.scenario.speed_km_h);
     this.pedals.box.hidden = !this.drives;
     this.pedals.input.max = this.scenario.driven_to_km_h;
+    this.hand.hasPedals = this.drives;
     this.hand.keysPerS = this.drives ? 0.6 : 1.6;
     this.car.hidden = !this.drives || this.scenario.plants.length > 0;
     this.car.replaceChildren(...this.app.head.choices.cars.map((car) => element("option", { value: car, selected: car === this.scenario.plant }, car.replaceAll("_", " "))));

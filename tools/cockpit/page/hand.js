@@ -2,7 +2,7 @@
 
 const RIM = 0.4; // radius of the rim over the width of the picture
 const HUB = 0.3; // of the rim's radius: who takes the wheel there pulls it as at the top
-const KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
+const KEYS = ["ArrowLeft", "ArrowRight"], PEDALS = ["ArrowUp", "ArrowDown"];
 const TRIGGERS = [6, 7]; // of a gamepad: brake, accelerator
 const DEAD = 0.04; // of a stick in its middle
 
@@ -11,6 +11,7 @@ export class Hand {
   constructor(wheel) {
     this.wheel = wheel;
     this.stopRad = 1;
+    this.hasPedals = false;
     this.keysPerS = 1; // how fast a key turns, and how fast a wheel that was let go returns
     this.position = 0; // from −1, right stop, to 1, left stop
     this.isOn = false; // whether somebody has touched anything yet
@@ -49,7 +50,9 @@ export class Hand {
   }
 
   onKey(event, isDown) {
-    if (!KEYS.includes(event.key) || event.target.closest("input, select, textarea")) return;
+    const isPedal = this.hasPedals && PEDALS.includes(event.key);
+    if (!(isPedal || KEYS.includes(event.key)) || event.target.closest("input, select, textarea")) return;
+    if (isPedal) event.preventDefault(); // the page would scroll
     if (isDown) this.keys.add(event.key);
     else this.keys.delete(event.key);
     this.isOn ||= isDown;
@@ -57,6 +60,7 @@ export class Hand {
 
   // Accelerator 1, brake −1.
   get pedal() {
+    if (!this.hasPedals) return 0;
     const [brake, accelerator] = TRIGGERS.map((button) => pads().find((pad) => pad.buttons?.[button])?.buttons[button].value ?? 0);
     return within(accelerator - brake + this.keys.has("ArrowUp") - this.keys.has("ArrowDown"));
   }

@@ -46,7 +46,7 @@ export function setText(target, text) {
 }
 
 // A slider that tells its value: words of a value; moved, by whose hand; more attributes of the input.
-// It gives the arrow keys back when it is let go.
+// It gives the arrow keys back when the pointer lets it go; who moves it by keys keeps it.
 export function slider(label, id, [min, max, step], words, moved, more = {}) {
   const text = element("output");
   const tell = () => setText(text, words(input.valueAsNumber));
@@ -54,7 +54,7 @@ export function slider(label, id, [min, max, step], words, moved, more = {}) {
     tell();
     moved(input.valueAsNumber, input);
   } });
-  input.addEventListener("change", () => input.blur());
+  input.addEventListener("pointerup", () => input.blur());
   const set = (value) => {
     input.value = value;
     tell();
