@@ -17,9 +17,6 @@ from steer_by_wire.dbc.messages import (
 from tests.support.frames.made_messages import latency_of
 from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, link
 
-# Frames nobody should have sent
-
-
 # What a signal cannot carry
 
 
