@@ -1,6 +1,7 @@
 """The truth on the bus: deviation of the centre of gravity, and what the axles of a car give."""
 
 import math
+from typing import Any
 
 import pytest
 
@@ -31,17 +32,22 @@ def test_it_is_of_each_sample_and_passes_neither_noise_nor_network() -> None:
     assert abs(truths[-1][1].cg_deviation_m) > 0.01
 
 
-def test_a_car_tells_how_its_axles_bear_a_bend_and_braking() -> None:
+def truths_in_a_bend(ticks: int, **tables: Any) -> tuple[list[CarTruth], list[VehicleState]]:
+    """Return what a car tells of a left bend of 160 m at 20 m/s, and brakes from 4 s on."""
     profile = [(0.0, 20.0), (4.0, 20.0), (6.0, 6.0)]
     speed = [{"at_s": at_s, "speed_m_s": speed_m_s} for at_s, speed_m_s in profile]
-    tables = {"car": {"speed": speed}, "path": {"kind": "circle", "radius_m": 160.0}}
-    tested = link(ground_truth=True, **tables, start_on_first_command=False)
-    for tick in range(560):
+    bend = {"car": {"speed": speed}, "path": {"kind": "circle", "radius_m": 160.0}}
+    tested = link(ground_truth=True, **bend, **tables, start_on_first_command=False)
+    for tick in range(ticks):
         tested.command(START_NS + tick * PERIOD_NS + 1, 0.0275)
-    truths = [message for _, message in tested.messages(CarTruth)]
-    motion = tested.messages(VehicleState)[190][1]
+    states = [message for _, message in tested.messages(VehicleState)]
+    return [message for _, message in tested.messages(CarTruth)], states
+
+
+def test_a_car_tells_how_its_axles_bear_a_bend_and_braking() -> None:
+    truths, states = truths_in_a_bend(560)
     bend, braking = truths[380], truths[550]
-    side_m_s2 = motion.speed_m_s * motion.yaw_rate_rad_s
+    side_m_s2 = states[190].speed_m_s * states[190].yaw_rate_rad_s
     assert bend.lateral_acceleration_m_s2 == pytest.approx(side_m_s2, rel=0.02)
     # In a steady bend each axle carries its share of the weight and of the side force.
     for used in (bend.front_grip_used, bend.rear_grip_used):
@@ -50,7 +56,27 @@ def test_a_car_tells_how_its_axles_bear_a_bend_and_braking() -> None:
     # Braking by 7 m/s² shifts h/L of that to the front: 0.55 m of 2.85 m.
     shift = 7.0 / GRAVITY_M_S2 * 0.55 / (1.3008 + 1.5453)
     assert braking.front_load_share == pytest.approx(bend.front_load_share + shift, rel=0.1)
-    assert braking.front_grip_used > 2.0 * bend.front_grip_used
+    # Together the axles give it.
+    share = braking.front_load_share
+    given = share * braking.front_grip_used + (1.0 - share) * braking.rear_grip_used
+    assert given == pytest.approx(7.0 / GRAVITY_M_S2, rel=0.1)
+
+
+def test_on_half_of_the_friction_a_bend_takes_twice_the_share_of_it() -> None:
+    disturbance = {"steps": [{"at_s": 0.0, "friction": 0.5}]}
+    truths, states = truths_in_a_bend(381, disturbance=disturbance)
+    side_m_s2 = states[190].speed_m_s * states[190].yaw_rate_rad_s
+    for used in (truths[380].front_grip_used, truths[380].rear_grip_used):
+        assert used == pytest.approx(2.0 * side_m_s2 / GRAVITY_M_S2, rel=0.05)
+
+
+def test_a_car_at_rest_uses_no_grip() -> None:
+    """Nothing pushes what its brakes hold, and nothing is divided by zero."""
+    held = {"car": {"speed": [{"at_s": 0.0, "speed_m_s": 0.0}, {"at_s": 9.0, "speed_m_s": 0.0}]}}
+    tested = link(ground_truth=True, **held, start_on_first_command=False)
+    tested.tick_until(START_NS + 50 * PERIOD_NS)
+    (*_, (_, truth)) = tested.messages(CarTruth)
+    assert (truth.front_grip_used, truth.rear_grip_used) == (0.0, 0.0)
 
 
 def test_where_it_is_sent_a_listener_computes_nothing() -> None:
