@@ -4,6 +4,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.recordings.live_reading import TIMED_NS
@@ -106,15 +107,22 @@ def test_every_chart_and_figure_shows_a_signal_that_there_is() -> None:
 # Place
 
 
-def test_a_car_that_heads_away_comes_less_far_along_its_path() -> None:
+@pytest.mark.parametrize(("error_m", "curvature_1_m"), [(0.0, 0.0), (2.0, 0.05), (-2.0, 0.05)])
+def test_a_car_comes_along_its_path_as_it_heads_and_as_near_as_it_is_to_the_bends_middle(
+    error_m: float, curvature_1_m: float
+) -> None:
     sampler, heading_rad = Sampler(0), 0.5
-    error = message_with(LateralError, lateral_error_m=0.0, heading_error_rad=heading_rad)
+    error = message_with(LateralError, lateral_error_m=error_m, heading_error_rad=heading_rad)
+    motion = motion_of(10.0, preview_curvature_1_m=curvature_1_m)
     for number in range(101):
         now_ns = number * NS // 100
-        for message in (message_with(CarTruth), error, motion_of(10.0), command_of()):
+        for message in (message_with(CarTruth), error, motion, command_of()):
             sampler.on_frame(encode(message, number % 256), now_ns)
-    foot_m = signals(sampler, NS)["foot_x_m"]
-    assert foot_m == pytest.approx(10.0 * math.cos(heading_rad), rel=0.02)
+    row = signals(sampler, NS)
+    way_m = 10.0 * math.cos(heading_rad) / (1.0 - curvature_1_m * error_m)
+    turned_rad = curvature_1_m * way_m
+    assert row["path_heading_rad"] == pytest.approx(turned_rad, rel=0.02)
+    assert row["foot_x_m"] == pytest.approx(way_m * np.sinc(turned_rad / math.pi), rel=0.02)
 
 
 def test_the_place_is_that_of_the_plant(log: Path) -> None:
