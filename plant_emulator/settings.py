@@ -23,7 +23,7 @@ from .steering.settings import SafetySettings, resync_ns_of
 from .vehicle.car.car_choice import find_car_model
 from .vehicle.car.rack_settings import LAG_S_MIN
 from .vehicle.car.settings import CarSettings
-from .vehicle.car.steering_health import Failure, Health
+from .vehicle.car.steering_input import Failure, Health
 from .vehicle.motion_parameters import motion_params
 from .vehicle.moving_vehicle import AnyMotionParams
 from .vehicle.settings import ActuatorSettings, DisturbanceSettings, VehicleSettings

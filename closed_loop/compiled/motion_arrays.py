@@ -15,7 +15,7 @@ from ...plant_emulator.vehicle.car.car_design import car_motion_params
 from ...plant_emulator.vehicle.car.car_motion import CarInterval, GripPatch
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.car.speed_control import SpeedLeg
-from ...plant_emulator.vehicle.car.steering_health import Failure
+from ...plant_emulator.vehicle.car.steering_input import Failure
 from ...plant_emulator.vehicle.disturbance import DisturbanceInterval
 from ...plant_emulator.vehicle.motion_parameters import design_motion_arrays
 from ...plant_emulator.vehicle.moving_vehicle import AnyMotionParams

@@ -10,7 +10,7 @@
 
 Wire faults change, drop, add or reorder frames, and the receiver's checks can detect them. Signal
 faults are those of a sender: the value is wrong, CRC and counter are valid.
-``plant_emulator.faults.stage`` applies both, and ``vehicle.car.steering_health`` those of the
+``plant_emulator.faults.stage`` applies both, and ``vehicle.car.steering_input`` those of the
 steering.
 """
 

@@ -14,7 +14,7 @@ from .actuator import ActuatorParams, WheelPhase
 from .car.car_design import car_motion_params
 from .car.car_motion import CarMotionParams
 from .car.settings import CarSettings
-from .car.steering_health import Failure
+from .car.steering_input import Failure
 from .disturbance import DisturbanceInterval, disturbance_intervals
 from .exact_propagation import (
     TABLE_ROWS,

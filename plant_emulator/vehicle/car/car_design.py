@@ -14,7 +14,7 @@ from .first_order import FirstOrderParams
 from .rack_settings import rack_params
 from .settings import CarSettings
 from .speed_control import SpeedParams, speed_legs
-from .steering_health import Failure, health_at
+from .steering_input import Failure, health_at
 from .tyre import TyreParams
 
 _DAMPING_RATIO = 0.3
