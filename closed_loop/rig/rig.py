@@ -127,6 +127,8 @@ class Rig:
     ) -> Outcome:
         if hand_wheel is not None and (in_real_time or not isinstance(controller, str)):
             raise SettingsError("hand_wheel: needs a preset or a settings file, in virtual time")
+        if hand_wheel is not None and self._language.car is not None:
+            raise SettingsError("hand_wheel: a rig with a dialect has none")
         files = PairFiles(self._folder / f"run{len(self.outcomes) + 1}")
         files.folder.mkdir(parents=True, exist_ok=True)
         if not isinstance(controller, str):

@@ -11,6 +11,7 @@ from steer_by_wire.hand_wheel.node import HandWheelNode
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.runtime.settings import SettingsError
 
+CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"
 DRIVEN = {"hand_wheel.steered_by": "driver"}
 PROGRAM = [sys.executable, "-m", "tests.closed_loop.lockstep.lockstep_controller", "hands_off"]
 
@@ -50,3 +51,5 @@ def test_a_hand_wheel_that_fails_or_is_missing_is_said(tmp_path: Path) -> None:
         ended.assert_wheel_still()
     with pytest.raises(SettingsError, match=r"^hand_wheel: needs a preset or a settings file, in"):
         rig.run(["./my_controller"], lockstep=True, hand_wheel="still")
+    with pytest.raises(SettingsError, match=r"^hand_wheel: a rig with a dialect has none$"):
+        Rig(tmp_path, dialect=CAR).run("highway_pd", hand_wheel="still")
