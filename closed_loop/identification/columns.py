@@ -44,10 +44,13 @@ _GUESSES = (
     ("time_s", r"^(time|t|timestamp|stamp|elapsed)\b|time"),
     ("lateral_acceleration_m_s2", r"lat\w*[_ ]?acc|acc\w*[_ ]?(lat|y)|^a_?y|\bay\b"),
     ("yaw_rate_rad_s", r"yaw|gyro\w*z|omega_?z|psi_?dot"),
+    ("wheel_angle_rad", r"^(front_?|road_?)?wheel_?angle|road_?wheel|rwa"),
     ("hand_wheel_rad", r"hand_?wheel|steer|swa|sas|lenk"),
     ("speed_m_s", r"speed|veh\w*v|\bv_?x\b|velocity|kmh|km/h|mph"),
 )
 """A column's role by its name, the first that fits."""
+_STEERING = {"wheel_angle_rad", "hand_wheel_rad"}
+"""Either is enough."""
 _ROWS_MAX = 1_000_000
 
 
@@ -140,13 +143,17 @@ def proposed_mapping(file: Path) -> str:
     """Return a mapping of a table as TOML, each guess with a comment; raises SettingsError."""
     lines = [f"# Columns of {file.name}: check each, its unit and its sign (left is positive)."]
     taken = set[str]()
-    for column in column_names(file):
+    names = column_names(file)
+    if not any(names):
+        raise SettingsError(f"{file}: is empty: needs a heading that names its columns")
+    for column in names:
         role = next((role for role, words in _GUESSES if re.search(words, column)), None)
         if role is None or role in taken:
             lines.append(f"# not read: {column!r}")
             continue
         taken.add(role)
         lines += ["", f"[columns.{role}]", f"column = {column!r}", _unit_line(role, column)]
+    taken |= _STEERING if taken & _STEERING else set()
     missing = [role for role, _ in _GUESSES if role not in taken]
     lines += ["", *(f"# none found for {role}" for role in missing)]
     return "\n".join(lines).replace("'", '"') + "\n"

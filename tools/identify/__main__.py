@@ -102,7 +102,10 @@ def _run(options: argparse.Namespace) -> int:
     progress, source = _Progress(), ", ".join(log.name for log in options.logs)
     try:
         channels, bus = _read(options, progress)
-        drive = make_drive((_between(one, options) for one in channels), source)
+        chosen = [_between(one, options) for one in channels]
+        if not any(len(one.time_s) for one in chosen):
+            raise SettingsError(f"{source}: has no sample between --from and --to")
+        drive = make_drive(chosen, source)
         steering = None if bus is None else _steering(bus)
     except KeyboardInterrupt:
         say(NAME, "interrupted while the logs were read: no file is written", sys.stderr)
@@ -169,10 +172,11 @@ def _advice(
         return []
     by_name = {one.name: one for one in figures}
     own = by_name.get("actuator:delay_and_lag_s", by_name["delay_and_lag_s"])
+    own_s = max(own.value, own.low)  # an error of measurement may make it negative
     lines = [
         f"{margin.controller} at {3.6 * found.speed_m_s:.0f} km/h survives constant delays up to"
         f" {1e3 * margin.margin_s:.0f} ms [{1e3 * margin.low_s:.0f}, {1e3 * margin.high_s:.0f}], of"
-        f" which the steering's own delay and lag take about {1e3 * own.value:.0f} ms"
+        f" which the steering's own delay and lag take about {1e3 * own_s:.0f} ms"
         f" [{1e3 * own.low:.0f}, {1e3 * own.high:.0f}]"
     ]
     if margin.share > 0.5:

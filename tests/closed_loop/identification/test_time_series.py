@@ -126,6 +126,21 @@ def test_a_proposed_mapping_reads_its_table(tmp_path) -> None:
     assert by_quantity[Quantity.YAW_RATE] == pytest.approx([0.1, 0.2])
 
 
+def test_a_proposed_mapping_reads_the_names_that_need_none(tmp_path) -> None:
+    file, mapping = tmp_path / "log.csv", tmp_path / "map.toml"
+    file.write_text("time_s,wheel_angle_rad,speed_m_s\n0,0.1,10\n0.01,0.2,20\n")
+    mapping.write_text(proposed_mapping(file))
+    assert "hand_wheel" not in mapping.read_text()  # either steering angle is enough
+    by_quantity = {one.quantity: one.values for one in read_columns(file, mapping)}
+    assert by_quantity[Quantity.WHEEL] == pytest.approx([0.1, 0.2])
+
+
+def test_no_mapping_is_proposed_for_an_empty_file(tmp_path) -> None:
+    (tmp_path / "log.csv").write_text("")
+    with pytest.raises(SettingsError, match="is empty"):
+        proposed_mapping(tmp_path / "log.csv")
+
+
 def test_a_table_of_a_heading_alone_is_refused(tmp_path) -> None:
     (tmp_path / "log.csv").write_text("time_s,yaw_rate_rad_s\n")
     with pytest.raises(SettingsError, match="has no row below its heading"):
