@@ -12,6 +12,7 @@ import math
 import os
 import re
 import select
+import shlex
 import shutil
 import signal
 import sys
@@ -164,6 +165,14 @@ def number(
 
 seconds = number(0.0, DURATION_S_MAX, "s", excludes_low=True)
 """Reads a duration [s]."""
+
+
+def shell_words(text: str) -> list[str]:
+    """Split a command as a shell does."""
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text[:60]!r}: {error}") from error
 
 
 def output_file(text: str) -> Path:

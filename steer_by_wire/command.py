@@ -164,8 +164,7 @@ def _print_completion(words: Sequence[str]) -> int:
         return _refuse(NAME, f"--completion takes one of {', '.join(SHELLS)}")
     from argcomplete.shell_integration import shellcode
 
-    print(shellcode([NAME], shell=words[0]))
-    return 0
+    return _print(shellcode([NAME], shell=words[0]))
 
 
 def _complete() -> int:

@@ -48,6 +48,7 @@ from steer_by_wire.runtime.command_line import (
     run_main,
     say,
     seconds,
+    shell_words,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.bus_options import (
@@ -107,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     offer(law, lambda: LAWS)
     parser.add_argument(
-        "--controller-command", type=shlex.split, metavar="WORDS",
+        "--controller-command", type=shell_words, metavar="WORDS",
         help="run this program as the controller, in lockstep with virtual time",
     )  # fmt: skip
     parser.add_argument(

@@ -233,6 +233,17 @@ def test_the_script_for_a_shell_names_the_command(
     assert "steer-by-wire" in capsys.readouterr().out
 
 
+def test_a_script_that_nobody_reads_to_its_end_is_no_mistake() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as unread:
+        done = subprocess.run(
+            [sys.executable, "-m", "steer_by_wire", "--completion", "bash"],
+            cwd=ROOT, stdout=unread, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("kilobytes", [150_000, 250_000])
 def test_too_little_memory_ends_in_a_line(kilobytes: int) -> None:
     own = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}

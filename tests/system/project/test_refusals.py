@@ -73,6 +73,7 @@ REFUSED = {
     "run --controller-command true --fail-if 'controller_holds > 0'": (
         "--fail-if controller_holds: another program"
     ),
+    "run --controller-command './mine \"'": "'./mine \"': No closing quotation",
     "run --durations 3": "unrecognized arguments: --durations (did you mean --dur",
     "run --hand-wheel still --set hand_wheel.cycle_ms=50": "up to 20",
     "run --hand-wheel still --controller-command true": "has none",
