@@ -9,7 +9,7 @@ from ...controller.settings import ControllerSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ..processes.process_group import ProcessError
-from .library import LockstepPeer, lockstep_peer
+from .peer import LockstepPeer, lockstep_peer
 from .record import DEADLINE, FRAMES, FRAMES_MAX, START, WAKE_ON_FRAMES, Arrival, Record
 
 WAKES_MAX = 100_000

@@ -37,8 +37,8 @@ from ...runtime.output_file import write_text
 from ...runtime.settings import SettingsError
 from ...runtime.settings.mistakes import hint
 from ...runtime.settings.toml_text import dump_toml
-from ..lockstep.library import lockstep_peer
 from ..lockstep.node import LockstepNode
+from ..lockstep.peer import lockstep_peer
 from ..pair.live_bus import BUSES, Bus, open_channels
 from ..pair.live_pair import LivePair, Program
 from ..pair.pair_result import CONTROLLER_PROGRAM, PLANT_PROGRAM, PairFiles, Trace

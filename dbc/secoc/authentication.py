@@ -22,7 +22,7 @@ they answer.
    its previous run: a restart of the sender does not make old frames new.
 4. A sender binds its frames to the challenge of the last accepted status message: its echo proves
    that the peer is there now. A status message with another echo (its sender has started, or it is
-   a recording) is not accepted. Its challenge is answered once (``dbc.secoc.challenges``), and
+   a recording) is not accepted. Its challenge is answered once (``Challenges``), and
    before the first proof the frames are bound to it.
 5. The receiver completes a truncated counter to the value nearest to the newest it knows. The
    status messages carry the whole counter, whatever was lost in between.
@@ -38,7 +38,6 @@ from ...runtime.frame import BITRATE_SWITCH, FD, Frame
 from ...runtime.node import NS_PER_US
 from ...runtime.node.end import End
 from ..messages import CAN_IDS, frame_of
-from .challenges import Challenges
 from .secured_frame import (
     CHALLENGE_LENGTH,
     COUNTER_BITS,
@@ -50,6 +49,45 @@ from .secured_frame import (
     Refused,
     is_secured,
 )
+
+KEPT = 16
+"""How many challenges are remembered: those with the highest counters. The true one has the
+highest, unless a clock was set back."""
+
+
+class Challenges:
+    """Challenges whose sender has not yet proved that it is present, in the order of their arrival.
+
+    Anybody can send a recorded status message again: it is authentic, and its challenge is an old
+    one. Whether it is new shows only when the peer echoes this end's own challenge. Until then each
+    challenge is answered in turn, by the echo of one status message for each status message that
+    brought it. A recording thus costs one answer for each of its frames and never a second one, and
+    the true challenge, which comes with a new frame in each status period, waits for one answer to
+    each of the others.
+    """
+
+    def __init__(self) -> None:
+        self._newest: dict[bytes, int] = {}
+        self._unanswered: list[bytes] = []
+
+    def add(self, challenge: bytes, counter: int) -> bool:
+        """Store the challenge of a status message; returns whether that message is new."""
+        if counter <= self._newest.get(challenge, -1):
+            return False
+        self._newest[challenge] = counter
+        if challenge not in self._unanswered:
+            self._unanswered.append(challenge)
+        if len(self._newest) > KEPT:
+            oldest = min(self._newest, key=self._newest.__getitem__)
+            del self._newest[oldest]
+            if oldest in self._unanswered:
+                self._unanswered.remove(oldest)
+        return True
+
+    def answer(self) -> bytes | None:
+        """Return the challenge that has waited longest, which is then answered; None for none."""
+        return self._unanswered.pop(0) if self._unanswered else None
+
 
 _DATA_ID_BASE = 0xA000
 _COUNTERS = 1 << COUNTER_BITS

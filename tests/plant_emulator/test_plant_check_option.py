@@ -4,8 +4,7 @@ import tomllib
 
 import pytest
 
-from steer_by_wire.plant_emulator.command_line.check_option import check_text
-from steer_by_wire.plant_emulator.command_line.program import main
+from steer_by_wire.plant_emulator.command_line.program import check_text, main
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.plant_emulator.vehicle.steady_turn import understeer_gradient_s2_m

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.lockstep.node import LockstepNode
-from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
+from steer_by_wire.closed_loop.lockstep.peer import LockstepProgram
 from steer_by_wire.closed_loop.lockstep.record import (
     DEADLINE,
     FRAMES,
@@ -192,8 +192,8 @@ def _quoted(word: str) -> str:
 
 
 def test_one_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.program.ANSWER_TIMEOUT_S", 0.05)
-    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.program.END_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.peer.ANSWER_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.peer.END_TIMEOUT_S", 0.05)
     with (
         pytest.raises(ProcessError, match=r"sleep: 0 of 1296 bytes of an answer within 0\.05 s"),
         LockstepProgram(["sleep", "1000"]) as program,
@@ -204,7 +204,7 @@ def test_one_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_one_that_does_not_read_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.program.ANSWER_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("steer_by_wire.closed_loop.lockstep.peer.ANSWER_TIMEOUT_S", 0.5)
     answer = repr(pack(Record(WAKE_ON_FRAMES, NEVER_NS)))
     deaf = f"import os\nwhile True: os.write(1, {answer})"
     said = ""

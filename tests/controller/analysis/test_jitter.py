@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
-from steer_by_wire.controller.analysis.arrivals import Arrivals, arrivals, constant_cdf, gamma_cdf
 from steer_by_wire.controller.analysis.jitter import (
+    Arrivals,
     JitterTooLargeError,
     MomentRecursion,
+    arrivals,
+    constant_cdf,
+    gamma_cdf,
     stable_spreads,
 )
 from steer_by_wire.controller.settings import ControllerSettings

@@ -4,8 +4,7 @@ from itertools import product
 from random import Random
 
 from steer_by_wire.dbc.messages import CAN_IDS, PathAhead, SteeringPlan, encode
-from steer_by_wire.dbc.secoc.authentication import Authentication, nearest
-from steer_by_wire.dbc.secoc.challenges import Challenges
+from steer_by_wire.dbc.secoc.authentication import Authentication, Challenges, nearest
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
 from steer_by_wire.dbc.secoc.secured_frame import Refused
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame

@@ -2,7 +2,7 @@
 
 from random import Random
 
-from steer_by_wire.dbc.secoc.challenges import Challenges
+from steer_by_wire.dbc.secoc.authentication import Challenges
 
 
 def drive(random: Random) -> None:

@@ -21,7 +21,7 @@ from nbclient import NotebookClient
 
 import steer_by_wire
 from steer_by_wire import simulate
-from steer_by_wire.closed_loop.lockstep.program import LockstepProgram
+from steer_by_wire.closed_loop.lockstep.peer import LockstepProgram
 from steer_by_wire.closed_loop.lockstep.record import FRAMES, Arrival, Record
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.closed_loop.rig.rig import Rig

@@ -13,9 +13,8 @@ from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import __main__
 from steer_by_wire.tools.study.against_pd import comparison_section
-from steer_by_wire.tools.study.fault_reactions import reaction_sections
 from steer_by_wire.tools.study.law_by_delay import law_by_delay
-from steer_by_wire.tools.study.report import PAGE, write
+from steer_by_wire.tools.study.report import PAGE, reaction_sections, write
 from tests.support.runs.small_study import CORNERS, complete
 from tests.support.suite.unrendered import unrendered as unrendered
 

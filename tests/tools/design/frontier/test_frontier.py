@@ -16,8 +16,7 @@ from steer_by_wire.controller.filters.settings import QKind
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.design.frontier import points
-from steer_by_wire.tools.design.frontier.frontier import write_csv
-from steer_by_wire.tools.design.frontier.picture import draw_frontier
+from steer_by_wire.tools.design.frontier.frontier import draw_frontier, write_csv
 from steer_by_wire.tools.design.frontier.points import (
     Point,
     designed_points,
