@@ -6,17 +6,45 @@ import shutil
 import socket
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...closed_loop.reports.findings import Finding, finding_lines
 from ...runtime.exit_status import BusError
 from ...runtime.port.interface_choice import add_bus_arguments, choose_bus
 from ...runtime.port.python_can import check_openable
 from ...runtime.program.priority_and_memory_lock import real_time
 from ...with_vcan.backend_choice import backends
 from ...with_vcan.request import Request, missing_programs
+
+
+class Finding(NamedTuple):
+    """A property that was looked for, and the figure that shows it.
+
+    ``holds``   None where nothing could show it
+    ``advice``  what to do where it is wanted and does not hold; empty for nothing
+    """
+
+    what: str
+    holds: bool | None
+    figure: str
+    advice: str = ""
+
+
+HOLDS: Mapping[bool | None, str] = {True: "ok", False: "NO", None: "-"}
+"""What is printed for a finding."""
+
+
+def finding_lines(findings: Sequence[Finding]) -> list[str]:
+    """Return a line for each finding, with what to do below it."""
+    width = max(len(finding.what) for finding in findings)
+    lines = []
+    for what, holds, figure, advice in findings:
+        lines.append(f"{HOLDS[holds]:2} {what:{width}}  {figure}")
+        if advice:
+            lines.append(f"   {'':{width}}  do: {advice}")
+    return lines
+
 
 DETECTION_TIMEOUT_S = 20.0
 """Time limit for all adapters together: a driver that hangs must not hang us."""

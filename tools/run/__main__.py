@@ -12,9 +12,10 @@ program has failed, 6 where a condition of --fail-if is met. The last line is th
 """
 
 import argparse
+import re
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -61,7 +62,14 @@ from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argumen
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import show_or_write, write_json
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import (
+    Settings,
+    SettingsError,
+    load_settings,
+    preset_names,
+    read_preset,
+)
+from steer_by_wire.runtime.settings.mistakes import hint, setting_words
 from steer_by_wire.tools.run.result import (
     CONTROLLER_PREFIX,
     NAME,
@@ -71,14 +79,72 @@ from steer_by_wire.tools.run.result import (
     verdict,
 )
 from steer_by_wire.tools.run.run_nodes import run_in_virtual_time
-from steer_by_wire.tools.run.side_options import (
-    CONTROLLER_SIDE,
-    HAND_WHEEL_SIDE,
-    PLANT_SIDE,
-    add_side_arguments,
-    of_side,
-    preset_name,
-)
+
+PLANT_SIDE, CONTROLLER_SIDE, HAND_WHEEL_SIDE = "plant", "controller", "hand_wheel"
+_PACKAGES: Mapping[str, str] = {PLANT_SIDE: PLANT_PRESETS, CONTROLLER_SIDE: CONTROLLER_PRESETS}
+_MODELS: Mapping[str, type[Settings]] = {
+    PLANT_SIDE: PlantSettings,
+    CONTROLLER_SIDE: ControllerSettings,
+    HAND_WHEEL_SIDE: HandWheelSettings,
+}
+
+
+def add_side_arguments(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add both options, whose values are pairs of a side and a text.
+
+    ``default``  the controller's preset, for the help
+    """
+    preset = parser.add_argument(
+        "--preset", type=_preset, action="append", default=[], metavar="NAME",
+        help=f"preset of plant or controller, one each (default: {default}): {', '.join(_names())}",
+    )  # fmt: skip
+    offer(preset, _names)
+    override = parser.add_argument(
+        "--set", type=_override, dest="overrides", action="append", default=[],
+        metavar="SIDE.KEY=VALUE",
+        help="override one setting, such as plant.seed=3; repeatable",
+    )  # fmt: skip
+    offer(
+        override,
+        lambda: [f"{s}.{word}" for s, model in _MODELS.items() for word in setting_words(model)],
+    )
+
+
+def of_side(given: Sequence[tuple[str, str]], side: str) -> list[str]:
+    """Return what was given for one side."""
+    return [text for whose, text in given if whose == side]
+
+
+def preset_name(options: argparse.Namespace, side: str) -> str | None:
+    """Return the preset of one side, if any; raises SettingsError for two."""
+    names = of_side(options.preset, side)
+    if len(names) > 1:
+        raise SettingsError(f"--preset: {' and '.join(names)} are both of the {side}")
+    return names[0] if names else None
+
+
+def _names() -> list[str]:
+    return [name for package in _PACKAGES.values() for name in preset_names(package)]
+
+
+def _preset(name: str) -> tuple[str, str]:
+    for side, package in _PACKAGES.items():
+        if name in preset_names(package):
+            return side, name
+    raise argparse.ArgumentTypeError(f"no preset {name[:60]!r} ({hint(name, _names())})")
+
+
+def _override(text: str) -> tuple[str, str]:
+    side, _, rest = text.partition(".")
+    if side in _MODELS and rest:
+        return side, rest
+    first = re.split("[.=]", text)[0]
+    owners = [name for name, model in _MODELS.items() if first in model.model_fields]
+    meant = f" (did you mean {owners[0]}.{text[:60]}?)" if owners else ""
+    raise argparse.ArgumentTypeError(
+        f"{text[:60]!r} begins with none of plant., controller. and hand_wheel.{meant}"
+    )
+
 
 CONTROLLER_PRESET = "practical_pd_ddob"
 """The controller's settings unless others are given."""

@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import shlex
 import time
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
@@ -10,18 +11,52 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
+from ...closed_loop.pair.pair_result import BUS, PairFiles
 from ...closed_loop.reports.terminal import plain_console
 from ...closed_loop.studies.compiled_figures import short_windows
 from ...closed_loop.studies.dask_workers import dask_workers
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.run_study import run_missing
-from ...closed_loop.studies.scenario import Scenarios
+from ...closed_loop.studies.scenario import Pair, Scenarios
 from ...closed_loop.studies.study import load_study
 from ...closed_loop.studies.workers import Workers, local_workers
+from ...dbc.bus_language import read_language
 from ...runtime.exit_status import ExitStatus
 from ...runtime.input_file import read_bytes
 from ...runtime.program.stop_request import StopRequest
-from .repeated_runs import write_settings
+from ...runtime.settings import SettingsError
+
+
+def write_settings(scenarios: Scenarios, run: int, folder: Path) -> list[str]:
+    """Write the settings of run number ``run``; returns the commands that run it again.
+
+    Raises SettingsError where there is none of this number.
+    """
+    runs = scenarios.study.runs
+    if not 0 <= run < runs:
+        raise SettingsError(f"--replay {run}: the study has runs 0 to {runs - 1}")
+    pair, files = scenarios.pair(run), PairFiles(folder / "replay" / str(run))
+    others = [*read_language(pair.dialect).files, *map(Path, pair.command)]
+    files.write_settings(pair.plant, pair.controller, pair.bus, others)
+    return _commands(pair, files)
+
+
+def _commands(pair: Pair, files: PairFiles) -> list[str]:
+    """Return the commands that repeat the run, in virtual time and, without a bus, live."""
+    bus = files.settings(BUS)
+    plant, controller = (
+        shlex.quote(str(files.settings(name))) for name in ("plant_emulator", "controller")
+    )
+    program = f"--controller-command {shlex.quote(shlex.join(pair.command))}"
+    run = f"steer-by-wire run {plant} {program if pair.command else f'--controller {controller}'}"
+    run += f" --dialect {shlex.quote(pair.dialect)}" if pair.dialect else ""
+    if bus.exists():
+        return [f"{run} --bus-settings {shlex.quote(str(bus))}"]
+    return [
+        f"{run} --ideal-wire",
+        f"steer-by-wire plant {plant} --interface socketcan --channel vcan0 & "
+        f"steer-by-wire controller {controller} --interface socketcan --channel vcan0",
+    ]
 
 
 def run_study(options: argparse.Namespace) -> int:

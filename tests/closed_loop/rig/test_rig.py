@@ -10,7 +10,7 @@ import pytest
 from steer_by_wire.closed_loop.pair.live_pair import Program
 from steer_by_wire.closed_loop.processes.process_group import ProcessError
 from steer_by_wire.closed_loop.rig import Outcome, Rig
-from steer_by_wire.closed_loop.rig.reaction_to_fault import Detection, first_reaction
+from steer_by_wire.closed_loop.rig.outcome_and_assertions import Detection, first_reaction
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.contract.enumerations import Mode

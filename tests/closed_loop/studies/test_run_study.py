@@ -27,7 +27,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.tools.study import __main__ as study_program
-from steer_by_wire.tools.study.repeated_runs import write_settings
+from steer_by_wire.tools.study.program import write_settings
 from tests.support.runs.run_of_nodes import assert_nodes_reproduce
 from tests.support.runs.small_study import (
     CHUNK_RUNS,

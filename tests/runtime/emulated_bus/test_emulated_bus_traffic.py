@@ -14,8 +14,8 @@ from steer_by_wire.closed_loop.pair.rest_bus_from_dbc import traffic_of
 from steer_by_wire.closed_loop.pair.virtual_bus import shared_bus
 from steer_by_wire.runtime.bus_model.rest_bus import Traffic
 from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.emulated_bus.broker import Channel
 from steer_by_wire.runtime.emulated_bus.broker_connection import Connection
-from steer_by_wire.runtime.emulated_bus.channel import Channel
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_BYTES, Hello, pack_frame
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.reports.findings import Finding
 from steer_by_wire.tools.doctor import checks as doctor_checks
-from steer_by_wire.tools.doctor.checks import Section, as_json, as_text
+from steer_by_wire.tools.doctor.checks import Finding, Section, as_json, as_text
 
 ROOT = Path(__file__).resolve().parents[3]
 
