@@ -1,6 +1,5 @@
 """The settings that every run of a study starts from, as tables with all keys that have a value."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from ...runtime.settings import (
     load_settings,
     read_preset,
 )
+from ...runtime.settings.toml_text import toml_value
 from .study_file import BaseSettings
 
 Tables = Mapping[str, Any]
@@ -84,7 +84,7 @@ def _checked(
     context: Tables | None = None,
 ) -> Tables:
     """Return settings with ``values`` on top; a mistake in these names ``where`` they stand."""
-    overrides = [f"{key}={_toml(value)}" for key, value in values]
+    overrides = [f"{key}={toml_value(value)}" for key, value in values]
     try:
         settings = load_settings(model, preset, below, overrides, shared, context)
     except SettingsError as error:
@@ -119,12 +119,3 @@ def leaves(tables: Tables, path: str = "", whole: str | None = None) -> list[tup
 def named_path(value: Any) -> Any:
     """Return a path by its name, or by its kind with that kind's own measures."""
     return dict(NAMED_PATHS.get(value, {"kind": value})) if isinstance(value, str) else value
-
-
-def _toml(value: Any) -> str:
-    """Return a value as TOML; JSON is valid TOML, except for tables inside lists."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value)

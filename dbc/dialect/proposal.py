@@ -1,6 +1,5 @@
 """A first mapping from a database alone: the likely signals by name, each guess with its reason."""
 
-import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import NamedTuple
 from cantools.database.can import Message, Signal
 
 from ...runtime.node.end import End
+from ...runtime.settings.toml_text import toml_key, toml_value
 from ..foreign_messages import cycle_ms_of
 from .dialect import checked
 from .settings import CYCLE_MS_MAX, CYCLE_MS_MIN, DialectSettings, Quantity
@@ -59,7 +59,7 @@ def proposal(messages: Sequence[Message], dbc: Path) -> str:
         f"# A first mapping of {dbc.name}; each line with '# guess' is one. Check it with the car,",
         "# add constants that your controller needs to see, and messages that it waits for; then:",
         "# steer-by-wire dialect check FILE",
-        f"dbc = {_quoted(dbc.name)}",
+        f"dbc = {toml_value(dbc.name)}",
         'keep = ["LATERAL_ERROR"]  # ours: remove it where a signal carries lateral_error_m',
     ]
     tables: dict[str, list[str]] = {}
@@ -81,7 +81,7 @@ def proposal(messages: Sequence[Message], dbc: Path) -> str:
         _, mistakes = checked(settings, messages, dbc)
     for place in tables.keys() & dict(mistakes).keys():  # check would refuse them
         whys = [mistake.lstrip(".: ") for where, mistake in mistakes if where == place]
-        name = _key(place.removeprefix("messages."))
+        name = toml_key(place.removeprefix("messages."))
         told = [f"# {name} is left out: {why}" for why in whys]
         tables[place] = told + [f"# {line}" for line in tables[place]]
     return "\n\n".join("\n".join(lines) for lines in (head, *tables.values())) + "\n"
@@ -112,16 +112,8 @@ def _unit_of(signal: Signal) -> str:
     return next((name for pattern, name in _UNITS if re.search(pattern, unit, re.IGNORECASE)), "")
 
 
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _quoted(name)
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
-
-
 def _block(message: Message, sender: str, guesses: Sequence[Guess]) -> list[str]:
-    lines = [f"[messages.{_key(message.name)}]"]
+    lines = [f"[messages.{toml_key(message.name)}]"]
     if sender == End.CONTROLLER:
         lines.append('sender = "controller"')
     known = cycle_ms_of(message)
@@ -133,19 +125,19 @@ def _block(message: Message, sender: str, guesses: Sequence[Guess]) -> list[str]
         if quantity in _HAND_WHEEL:
             hint, ratio = "; ratio of hand wheel to road wheel", f", ratio = {HAND_WHEEL_RATIO}"
         carries = f'{{ carries = "{quantity}", unit = "{unit}"{ratio} }}'
-        lines.append(f"signals.{_key(signal.name)} = {carries}  # guess: {why}{hint}")
+        lines.append(f"signals.{toml_key(signal.name)} = {carries}  # guess: {why}{hint}")
     taken = {guess.signal.name for guess in guesses}
     rest = [signal for signal in message.signals if signal.name not in taken]
     if sender == End.CONTROLLER:
         switch = next((one for one in rest if one.length <= 3 and _ENGAGED.search(one.name)), None)
         if switch is not None:
             carries = '{ carries = "engaged" }'
-            lines.append(f"signals.{_key(switch.name)} = {carries}  # guess: by its name")
+            lines.append(f"signals.{toml_key(switch.name)} = {carries}  # guess: by its name")
     counter = next((one.name for one in rest if _COUNTER.search(one.name)), None)
     if counter is not None:
-        lines.append(f"counter = {_quoted(counter)}  # guess: by its name")
+        lines.append(f"counter = {toml_value(counter)}  # guess: by its name")
     checksum = next((one.name for one in rest if _CHECKSUM.search(one.name)), None)
     if checksum is not None:
-        rule = f'{{ signal = {_quoted(checksum)}, rule = "sum" }}'
+        rule = f'{{ signal = {toml_value(checksum)}, rule = "sum" }}'
         lines.append(f"# checksum = {rule}  # guess: sum, crc, e2e_p05 or package.module:FUNCTION")
     return lines

@@ -20,22 +20,23 @@ def dump_toml(settings: Settings, leave_out: Collection[str] = ()) -> str:
 
 def _toml_table(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
     lines = [
-        f"{_toml_key(key)} = {_toml_value(value)}"
+        f"{toml_key(key)} = {toml_value(value)}"
         for key, value in table.items()
         if not isinstance(value, dict)
     ]
     for key, value in table.items():
         if isinstance(value, dict):
-            header = (*path, _toml_key(key))
+            header = (*path, toml_key(key))
             lines += ["", f"[{'.'.join(header)}]", *_toml_table(value, header)]
     return lines
 
 
-def _toml_key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml_value(key)
+def toml_key(key: str) -> str:
+    """Return a key in TOML, with quotation marks where it needs them."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else toml_value(key)
 
 
-def _toml_value(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """Return a value in TOML; floats with all their digits, tables inside lists inline."""
     match value:
         case str():
@@ -44,9 +45,9 @@ def _toml_value(value: Any) -> str:
         case bool():
             return "true" if value else "false"
         case list():
-            return f"[{', '.join(map(_toml_value, value))}]"
+            return f"[{', '.join(map(toml_value, value))}]"
         case dict():
-            pairs = (f"{_toml_key(key)} = {_toml_value(item)}" for key, item in value.items())
+            pairs = (f"{toml_key(key)} = {toml_value(item)}" for key, item in value.items())
             return f"{{{', '.join(pairs)}}}"
         case _:
             return repr(value)
