@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.array_types import FloatArray
-from .fit import Fit, Progress, Stopped, quiet, refit
+from .fit import Fit, Progress, Refit, Stopped, quiet, refit
 from .parameters import Problem
 from .response import Grid, Samples
 
 _DOUBLINGS = 3
 _NEAR = 0.1
-"""Relative error of the rise that ends a search."""
+"""Relative error of the rise that ends a search; a tenth of it is left to the cost."""
 
 
 def profile(
@@ -43,16 +43,19 @@ def profile(
     parameter = found.problem.parameters[at]
     spread = float(np.sqrt(found.covariance[at, at]))
     allowed = found.critical**2 * float(found.covariance[at, at] / found.bare[at, at])
+    tolerance = max(1e-5, 0.1 * _NEAR * allowed / found.cost)
 
     def end(sign: float) -> float:
         limit = parameter.high if sign > 0.0 else parameter.low
         step = min(found.critical * spread, 0.5 * (parameter.high - parameter.low))
+        near: Refit | None = None
         for _ in range(_DOUBLINGS):
             x = found.x[at] + sign * step
             is_limit = (x - limit) * sign >= 0.0
             x = limit if is_limit else x
             held = {name: parameter.value(x)}
-            rise = refit(judged, held, found, advance).cost - found.cost
+            near = refit(judged, held, found, advance, tolerance, near)
+            rise = near.cost - found.cost
             if is_limit and rise < allowed:
                 return sign * inf
             if abs(rise / allowed - 1.0) < _NEAR:

@@ -22,13 +22,13 @@ from scipy.signal import fftconvolve
 
 from ...runtime.array_types import FloatArray
 from .parameters import Problem
-from .response import Grid, Response, Samples, respond, seen
+from .response import Grid, Response, Samples, coarse, respond, seen
 
 Progress = Callable[[str, int, int], None]
 """Takes what is done, how often it was, and how often it will be at most; raises Stopped."""
 EVALUATIONS_MAX = 25
-_ROUNDS = 4
-"""With new deviations of the errors; the first ones end early."""
+_ROUNDS, _COARSE_ROUNDS = 4, 2
+"""With new deviations of the errors; the first ones end early, and are on wider steps."""
 _SPREAD_CHANGE = 0.02
 _STRETCHES, _CHANCE = (3, 10, 25), 4.0
 """Lengths of the stretches that show a colour; standard deviations that are chance."""
@@ -36,6 +36,8 @@ _MANOEUVRES = 12
 """In a drive, for the correlation of the errors; chosen."""
 _DIFFERENCE = 1e-3
 """Of a parameter's scale, for the sensitivities."""
+_REACH, _REACH_OF_COST = 0.05, 1.0
+"""Of the scales: sensitivities hold for so far around; for longer where only the cost counts."""
 
 
 class Fit(NamedTuple):
@@ -48,6 +50,7 @@ class Fit(NamedTuple):
     ``errors``      measured less seen, of each sensor in its unit
     ``deviations``  s of each sensor
     ``cost``        Σ e², with the priors
+    ``slopes``      of the errors by the parameters sought, one sensor after the other
     """
 
     problem: Problem
@@ -60,6 +63,7 @@ class Fit(NamedTuple):
     deviations: FloatArray
     cost: float
     is_whole: bool
+    slopes: FloatArray
 
     @property
     def values(self) -> dict[str, float]:
@@ -73,11 +77,17 @@ class Fit(NamedTuple):
 
 
 class Refit(NamedTuple):
-    """The end of a search: coordinates of what was sought, cost, and errors of each sensor."""
+    """The end of a search.
+
+    ``x``       coordinates of what was sought
+    ``errors``  of each sensor
+    ``slopes``  of them, and the coordinates where these were taken
+    """
 
     x: FloatArray
     cost: float
     errors: tuple[FloatArray, ...]
+    slopes: tuple[FloatArray, FloatArray]
 
 
 class Stopped(Exception):  # noqa: N818 - not an error
@@ -94,10 +104,15 @@ class _Judge:
     def __init__(
         self, problem: Problem, grid: Grid, samples: Sequence[Samples], deviations: FloatArray
     ) -> None:
-        self.problem, self.grid, self.samples = problem, grid, samples
-        self.deviations = deviations
+        self.problem, self.samples, self.deviations = problem, samples, deviations
         self.best: tuple[float, FloatArray] = (np.inf, problem.start)
         self.prior = np.array([1.0 / one.deviation for one in problem.parameters])
+        self.reach = _REACH
+        self.turn_to(grid)
+
+    def turn_to(self, grid: Grid) -> None:
+        """Go on with another grid of the same drive."""
+        self.grid, self.slopes = grid, (np.empty(0), np.empty((0, 0)))
         self._kept: tuple[FloatArray, Response] | None = None
 
     def errors(self, x: FloatArray) -> tuple[FloatArray, ...]:
@@ -113,12 +128,20 @@ class _Judge:
         return found
 
     def sensitivities(self, x: FloatArray) -> FloatArray:
-        """Return the derivatives of the residuals by differences, shape (residuals, p)."""
-        base = self._response(x)
-        here = self._weighted(x, base)
-        with ThreadPoolExecutor(min(os.cpu_count() or 1, 8)) as pool:
-            columns = pool.map(lambda at: self._column(x, base, here, at), range(len(x)))
-            return np.column_stack(list(columns))
+        """Return the derivatives of the residuals without priors, shape (errors, p).
+
+        They are differences, taken at x or within ``reach`` of it.
+        """
+        near, scales = self.slopes[0], [one.scale for one in self.problem.coordinates[: len(x)]]
+        if len(near) != len(x) or np.any(np.abs(x - near) > self.reach * np.array(scales)):
+            base = self._response(x)
+            here = np.concatenate(self._errors(x, base))
+            with ThreadPoolExecutor(min(os.cpu_count() or 1, 8)) as pool:
+                columns = pool.map(lambda at: self._column(x, base, here, at), range(len(x)))
+                self.slopes = x.copy(), np.column_stack(list(columns))
+        lengths = [len(one.values) for one in self.samples]
+        slopes: FloatArray = self.slopes[1] / np.repeat(self.deviations, lengths)[:, np.newaxis]
+        return slopes
 
     def condensed(self, x: FloatArray) -> FloatArray:
         """Return the sensitivities turned as ``search`` turns the residuals, shape (p + 1, p).
@@ -126,7 +149,8 @@ class _Judge:
         A search knows the residuals r and J only by |r|, Jᵀr and JᵀJ; these are the same, and a
         decomposition of 10⁴ rows is saved in each of its steps.
         """
-        residuals, jacobian = self.residuals(x), self.sensitivities(x)
+        residuals = self.residuals(x)
+        jacobian = np.vstack((self.sensitivities(x), np.diag(self.prior)))
         first = jacobian.T @ residuals / np.linalg.norm(residuals)
         scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-150)
         rest = (jacobian.T @ jacobian - np.outer(first, first)) / np.outer(scale, scale)
@@ -154,7 +178,7 @@ class _Judge:
             x_scale=[one.scale for one in parameters], max_nfev=EVALUATIONS_MAX, ftol=tolerance,
             xtol=1e-6,
         )  # fmt: skip
-        return Refit(found.x, 2.0 * float(found.cost), self.errors(found.x))
+        return Refit(found.x, 2.0 * float(found.cost), self.errors(found.x), self.slopes)
 
     def unresolved(self, x: FloatArray, by_residuals: FloatArray) -> FloatArray:
         """Return the covariance that the resolution of the wheel's angle gives to parameters.
@@ -198,7 +222,7 @@ class _Judge:
         of_sensor = ":" in parameter.name or parameter.name == "yaw_rate_offset_rad_s"
         values = self.problem.values(moved)
         response = base if of_sensor else respond(self.grid, values, self.problem)
-        slope: FloatArray = (self._weighted(moved, response) - here) / step
+        slope: FloatArray = (np.concatenate(self._errors(moved, response)) - here) / step
         return slope
 
 
@@ -207,22 +231,32 @@ def fit(
     grid: Grid,
     samples: Sequence[Samples],
     progress: Progress = quiet,
-    start: FloatArray | None = None,
+    begin: Fit | None = None,
 ) -> Fit:
-    """Return the most likely parameters; the best so far where ``progress`` says to stop."""
+    """Return the most likely parameters; the best so far where ``progress`` says to stop.
+
+    ``begin``  a fit of another model to the same drive, to start from; it may have more sensors
+    """
     spreads = np.array([0.2 * max(float(np.std(one.values)), 1e-6) for one in samples])
-    judge, x, is_whole = _Judge(problem, grid, samples, spreads), problem.start, True
-    x = x if start is None else start
+    x, rounds, is_whole = problem.start, range(_ROUNDS), True
+    if begin is not None:
+        named = dict(zip((one.name for one in begin.problem.coordinates), begin.x, strict=True))
+        x = np.array([named.get(one.name, one.start) for one in problem.parameters])
+        spreads, rounds = begin.deviations[: len(samples)], rounds[1:]
+    judge = _Judge(problem, coarse(grid), samples, spreads)
     try:
-        for number in range(_ROUNDS):
-            x, _, errors = judge.search(x, max(1e-5, 1e-3 * 0.1**number), progress)
+        for number in rounds:
+            if number == _COARSE_ROUNDS:
+                judge.turn_to(grid)
+            x, _, errors, _ = judge.search(x, max(1e-5, 1e-3 * 0.1**number), progress)
             spreads = _deviations(errors)
             change = float(np.abs(spreads / judge.deviations - 1.0).max())
             judge.deviations, judge.best = spreads, (np.inf, x)
-            if change < _SPREAD_CHANGE and number > 1:
+            if change < _SPREAD_CHANGE and number >= _COARSE_ROUNDS:
                 break
     except Stopped:
         x, is_whole = judge.best[1], False
+        judge.turn_to(grid)
     return _described(judge, x, is_whole)
 
 
@@ -232,12 +266,17 @@ def refit(
     found: Fit,
     progress: Progress = quiet,
     tolerance: float = 1e-5,
+    near: Refit | None = None,
 ) -> Refit:
-    """Return the least cost with some parameters held, with the same deviations of the errors."""
+    """Return the least cost with some parameters held, with the same deviations of the errors.
+
+    ``near``  one with the same parameters held, to start from
+    """
     grid, samples = judged
     keep = [at for at, one in enumerate(found.problem.parameters) if one.name not in held]
-    judge = _Judge(found.problem.holding(held), grid, samples, found.deviations)
-    return judge.search(found.x[keep], tolerance, progress)
+    judge, x = _Judge(found.problem.holding(held), grid, samples, found.deviations), found.x[keep]
+    judge.reach, judge.slopes = _REACH_OF_COST, near.slopes if near else (x, found.slopes[:, keep])
+    return judge.search(near.x if near else x, tolerance, progress)
 
 
 def _deviations(errors: Sequence[FloatArray]) -> FloatArray:
@@ -254,8 +293,8 @@ def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     problem, sought = judge.problem, len(x)
     errors, residuals = judge.errors(x), judge.residuals(x)
     rows = sum(map(len, errors))
-    x = np.append(x, [one.start for one in problem.assumed])
-    jacobian = judge.sensitivities(x)[:rows]
+    x, judge.reach = np.append(x, [one.start for one in problem.assumed]), 0.0
+    jacobian = judge.sensitivities(x)
     free, assumed = jacobian[:, :sought], jacobian[:, sought:]
     prior = np.diag(judge.prior**2)
     information = free.T @ free + prior
@@ -280,8 +319,8 @@ def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     share = lags / len(scores)
     critical = 1.96 + share * (2.9694 + share * (0.4160 - 0.5324 * share))
     cost = float(residuals @ residuals)
-    found = x, covariance, plain, inverse, critical, errors, judge.deviations, cost, is_whole
-    return Fit(problem, *found)
+    found = x, covariance, plain, inverse, critical, errors, judge.deviations
+    return Fit(problem, *found, cost, is_whole, judge.slopes[1][:, :sought])
 
 
 def _scores(samples: Sequence[Samples], products: FloatArray) -> FloatArray:

@@ -69,11 +69,11 @@ def identify(
     rates = _of_rates(drive)
     if _is_coloured(found) and problem.assumed:
         # A model's error would move what is assumed.
-        held = fit(problem, grid, samples, progress)
+        held = fit(problem, grid, samples, progress, found)
         found = held if held.is_whole else found
     if _is_coloured(found) and len(rates.outputs) < len(drive.outputs):
         its_samples = samples_of(rates, grid)
-        alone = fit(problem_of(rates, known), grid, its_samples, progress)
+        alone = fit(problem_of(rates, known), grid, its_samples, progress, found)
         if alone.is_whole and _contradicts(found, alone):
             _refuse_late_side(found)
             delays_ms = [1e3 * one.values["delay_and_lag_s"] for one in (found, alone)]
@@ -125,8 +125,7 @@ def _others(found: Fit, grid: Grid, samples: Sequence[Samples], progress: Progre
         return []
     tyre = "fiala" if found.problem.known.tyre == "magic_formula" else "magic_formula"
     known = found.problem.known.model_copy(update={"tyre": tyre})
-    start = found.x[: len(found.problem.parameters)]
-    other = fit(found.problem._replace(known=known), grid, samples, progress, start)
+    other = fit(found.problem._replace(known=known), grid, samples, progress, found)
     return [other] if other.is_whole else []
 
 

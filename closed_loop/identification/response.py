@@ -22,6 +22,7 @@ from .parameters import Problem, car_tables
 from .time_series import Channel, Drive, Quantity
 
 STEP_S = 0.001
+_COARSE = 5
 SETTLING_S = 1.0
 """At the start of a segment, not judged: the car's state there is not known."""
 _SMOOTHING_S = 0.5
@@ -34,13 +35,15 @@ _STEPS_OFF = 2.0
 
 
 class Grid(NamedTuple):
-    """A drive on steps of STEP_S, its segments one after the other.
+    """A drive on even steps, its segments one after the other.
 
+    ``step_s``      STEP_S, or a multiple
     ``starts``      of each segment, and the end of the last, shape (segments + 1,)
     ``unresolved``  what its resolution may hide of the steering, shape (draws, steps)
     The others have shape (steps,).
     """
 
+    step_s: float
     starts: IntArray
     first_yaw_rates_rad_s: FloatArray
     steering_rad: FloatArray
@@ -50,7 +53,7 @@ class Grid(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """The judged samples of one output: where on the grid, and within which segment."""
+    """The judged samples of one output: where on the grid of STEP_S, and in which segment."""
 
     channel: Channel
     place: FloatArray
@@ -87,7 +90,15 @@ def grid_of(drive: Drive) -> Grid:
         rates.append(float(np.interp(start, rate.time_s, rate.values)))
     steering, speed, acceleration = (np.concatenate(one) for one in zip(*parts, strict=True))
     unresolved = np.concatenate(hidden, axis=1)
-    return Grid(np.array(starts), np.array(rates), steering, speed, acceleration, unresolved)
+    inputs = steering, speed, acceleration, unresolved
+    return Grid(STEP_S, np.array(starts), np.array(rates), *inputs)
+
+
+def coarse(grid: Grid) -> Grid:
+    """Return a grid of wider steps, on which a search comes near to the end sooner."""
+    step_s, starts = _COARSE * grid.step_s, -(-grid.starts // _COARSE)
+    inputs = (one[..., ::_COARSE] for one in grid[3:])
+    return Grid(step_s, starts, grid.first_yaw_rates_rad_s, *inputs)
 
 
 def samples_of(drive: Drive, grid: Grid) -> list[Samples]:
@@ -107,8 +118,9 @@ def samples_of(drive: Drive, grid: Grid) -> list[Samples]:
 
 
 class Response(NamedTuple):
-    """Outputs of the car on the grid."""
+    """Outputs of the car on a grid."""
 
+    step_s: float
     yaw_rate_rad_s: FloatArray
     lateral_acceleration_m_s2: FloatArray
 
@@ -123,12 +135,12 @@ def respond(grid: Grid, values: Mapping[str, float], problem: Problem) -> Respon
         1.0 / values["steering_ratio"],
         values["steering_offset_rad"] / values["steering_ratio"],
         lag_s,
-        (values["delay_and_lag_s"] - lag_s) / STEP_S,
+        (values["delay_and_lag_s"] - lag_s) / grid.step_s,
         known.lateral_acceleration_ahead_m,
     )
     params = car_params(*car_tables(values, known))
-    _respond(params, steering, STEP_S, *grid[:-1], yaw_rates, accelerations)
-    return Response(yaw_rates, accelerations)
+    _respond(params, steering, *grid[:-1], yaw_rates, accelerations)
+    return Response(grid.step_s, yaw_rates, accelerations)
 
 
 def seen(samples: Samples, response: Response, values: Mapping[str, float]) -> FloatArray:
@@ -140,6 +152,7 @@ def seen(samples: Samples, response: Response, values: Mapping[str, float]) -> F
     gain = values.get(f"{name}:gain", 1.0)
     offset = values.get(f"{name}:offset", values["yaw_rate_offset_rad_s"])
     place = np.clip(samples.place - delay_s / STEP_S, samples.first, samples.last)
+    place /= response.step_s / STEP_S
     below = np.minimum(place.astype(np.int64), len(series) - 2)
     share = place - below
     shown: FloatArray = gain * ((1.0 - share) * series[below] + share * series[below + 1]) + offset

@@ -36,6 +36,9 @@ def report_html(found: Identification, lines: Sequence[str], figures: Sequence[F
         "A sweep at 60 km/h from 0.2 to 3 Hz in 26 s with 4 m/s² to either side, steps at 80 km/h,"
         " and a slalom that grows up to the limit of grip: on an empty ground."
     )
+    asks_for_slow = any("25 km/h" in one.note for one in figures)
+    if asks_for_slow:
+        plan += " Then the sweep at 25 km/h, with 2 m/s²: it tells relaxation from delay."
     sections = [
         Section("Figures", tables=[Table(headings, rows)]),
         Section("Delays", lines),
@@ -45,7 +48,7 @@ def report_html(found: Identification, lines: Sequence[str], figures: Sequence[F
             response[:1], response[1], found.notes,
         ),
         Section("Frequency response", [frequency], [_frequency_picture(found)]),
-        Section("What to drive next", [plan], [_plan_picture()]),
+        Section("What to drive next", [plan], [_plan_picture(asks_for_slow)]),
     ]  # fmt: skip
     return page("Identified car", sections)
 
@@ -96,18 +99,21 @@ def _frequency_picture(found: Identification) -> Picture:
     return Picture(png_of(canvas), "frequency response from steering to yaw rate, with coherence")
 
 
-def _plan_picture() -> Picture:
-    time_s = np.arange(0.0, 70.0, 0.01)
-    sweep_s = np.clip(time_s - 4.0, 0.0, 26.0)
-    cycles = 0.2 * 26.0 / np.log(15.0) * (15.0 ** (sweep_s / 26.0) - 1.0)
-    side = np.where((time_s > 4.0) & (time_s < 30.0), 4.0 * np.sin(2.0 * np.pi * cycles), 0.0)
+def _plan_picture(asks_for_slow: bool) -> Picture:
+    time_s = np.arange(0.0, 100.0 if asks_for_slow else 70.0, 0.01)
+    side = np.zeros(len(time_s))
+    for start_s, level in ((4.0, 4.0), (72.0, 2.0)):
+        sweep_s = np.clip(time_s - start_s, 0.0, 26.0)
+        cycles = 0.2 * 26.0 / np.log(15.0) * (15.0 ** (sweep_s / 26.0) - 1.0)
+        side += level * np.sin(2.0 * np.pi * cycles) * (sweep_s < 26.0)
     for start_s, end_s, level in ((41.0, 44.0, 3.0), (46.0, 49.0, -3.5), (51.0, 53.0, 2.0)):
         side[(time_s > start_s) & (time_s < end_s)] = level
     slalom_s = np.clip(time_s - 55.0, 0.0, 14.0)
-    side += 8.0 * slalom_s / 14.0 * np.sin(2.0 * np.pi * 0.45 * slalom_s)
+    side += 8.0 * slalom_s / 14.0 * np.sin(2.0 * np.pi * 0.45 * slalom_s) * (slalom_s < 14.0)
     with plot_style():
         canvas = Canvas(figsize=(9.0, 2.6))
         axes = canvas.subplots()
         axes.plot(time_s, side)
-        axes.set(xlabel="time [s]", ylabel="side [m/s²]", title="60 km/h, from 40 s on 80 km/h")
+        title = "60 km/h, from 40 s on 80 km/h" + ", from 70 s on 25 km/h" * asks_for_slow
+        axes.set(xlabel="time [s]", ylabel="side [m/s²]", title=title)
     return Picture(png_of(canvas), "lateral acceleration to drive, over time")

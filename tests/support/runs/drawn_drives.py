@@ -115,9 +115,8 @@ def log_of(
     taps = [ahead, 1.0 - kept - ahead]
     wheel = lfilter(taps, [1.0, -kept], late, zi=[late[0] * (1.0 - ahead)])[0]
     still = {**car, "lag_squared_s2": 0.0, "delay_and_lag_s": 0.0}
-    grid = Grid(
-        np.array([0, len(steps)]), np.zeros(1), wheel, speed_m_s, _slope(speed_m_s), np.empty(0)
-    )
+    ends, driven = np.array([0, len(steps)]), (speed_m_s, _slope(speed_m_s))
+    grid = Grid(STEP_S, ends, np.zeros(1), wheel, *driven, np.empty(0))
     response = respond(grid, still, Problem((), (), {}, Known(), ()))
     # The sensor's steps lie anywhere: straight on is within one, and not in its middle.
     time_s, zero_rad = steps * STEP_S, float(rng.uniform(-0.5, 0.5)) * _STEP_RAD
