@@ -60,7 +60,7 @@ class BusLanguage(NamedTuple):
         """Return a passive listener."""
         if self.car is None:
             return OUR_MESSAGES
-        from .dialect.overheard import listening_to
+        from .dialect.reader import listening_to
 
         return listening_to(self.car)
 

@@ -1,4 +1,4 @@
-"""A passive listener on a bus with our own messages; ``dialect.overheard`` has a car's.
+"""A passive listener on a bus with our own messages; ``dialect.reader`` has a car's.
 
 Programs that show a bus take either, and name the messages as ``listed`` does.
 """

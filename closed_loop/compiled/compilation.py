@@ -26,7 +26,7 @@ from numba.core.caching import IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.np import linalg
 
-from ...runtime.program.garbage_collection import no_collections
+from ...runtime.program.priority_and_memory_lock import no_collections
 from .inlined_functions import CallerCompiler
 
 if sys.platform != "win32":

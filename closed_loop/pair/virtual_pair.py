@@ -19,7 +19,7 @@ from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, ReportingNode
 from ...runtime.node.end import End
 from ...runtime.node.virtual_time_loop import VirtualTimeExecutor, Wire
-from ...runtime.program.garbage_collection import no_collections
+from ...runtime.program.priority_and_memory_lock import no_collections
 from ...runtime.recording.candump import CandumpLog
 from .pair_result import PairResult, Trace
 from .virtual_bus import QUIET_BUS, Controlled, virtual_bus

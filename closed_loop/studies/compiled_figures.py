@@ -32,8 +32,7 @@ from ...plant_emulator.evaluation.error_windows import (
 )
 from ...plant_emulator.evaluation.held_figures import NOTHING_HELD, HeldRules, held_step
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, Peaks, RunEnd, Verdict, VerdictRules
-from ...plant_emulator.path.corridor import BETWEEN, corridor_of, outside_at
-from ...plant_emulator.path.lane import beyond_lane_m
+from ...plant_emulator.path.corridor import BETWEEN, beyond_lane_m, corridor_of, outside_at
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray

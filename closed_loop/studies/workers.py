@@ -1,23 +1,29 @@
-"""Workers that compute the runs of a study: threads, or processes of this machine.
+"""Workers that compute the runs of a study: threads, or processes of this machine or of others.
 
 Threads serve compiled runs, which do not hold the interpreter's lock; processes the others. A
 process is sent the record of a study, makes the study from it, and keeps what runs share, as a
 thread does.
 """
 
+import importlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import lru_cache, partial
 from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
+from ...runtime.command_line import installation
+from ...runtime.settings import SettingsError
 from ..processes.parallel_work import worker_pool
 from .compiled_runs import Computed, Computer
 from .scenario import Scenarios
 from .study import Study, study_of_record
+
+CONNECT_S = 20.0
 
 
 def compute_block(file: str, record: str, ids: Sequence[int]) -> Computed:
@@ -122,3 +128,41 @@ def completed(
 
 
 NOTHING = Computed(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
+
+
+@contextmanager
+def dask_workers(study: Study, address: str) -> Iterator[Workers]:
+    """Join a scheduler of dask.distributed until the block ends: the same blocks on many machines.
+
+    Its workers need this package in the same version, and waypoint and trace files of the same
+    names.
+
+    Raises SettingsError where distributed is missing or no scheduler answers, OSError where the
+    workers fail.
+    """
+    try:
+        distributed = importlib.import_module("distributed")
+    except ImportError as error:
+        needed = installation("pyarrow", "distributed")
+        raise SettingsError(f"--scheduler needs dask.distributed: {needed}") from error
+    try:
+        client = distributed.Client(address, timeout=CONNECT_S)
+    except (OSError, ValueError) as error:
+        raise SettingsError(f"--scheduler {address}: no scheduler answers there") from error
+
+    def threads() -> int:
+        count: int = sum(client.nthreads().values())
+        return max(1, count)
+
+    def compute(blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        pool = client.get_executor(pure=False)
+        try:
+            yield from completed(pool, block_task(study), threads, blocks, should_stop)
+        except SettingsError:
+            raise
+        except Exception as error:
+            reason = ": ".join([*getattr(error, "__notes__", ()), str(error)])
+            raise OSError(f"the workers of {address} have failed: {reason}") from error
+
+    with client:
+        yield Workers(f"the workers of {address}", compute)

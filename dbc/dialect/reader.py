@@ -1,4 +1,4 @@
-"""Frames of a car as ours, each judged as the car would, and counted by message."""
+"""Frames of a car as ours, each judged as the car would, and counted; for nodes and listeners."""
 
 import math
 from collections import Counter, defaultdict
@@ -7,13 +7,16 @@ from typing import Any
 
 from ...runtime.frame import EXTENDED, Frame
 from ...runtime.node import NS_PER_S
+from ...runtime.node.end import End
 from .. import messages as ours
 from ..codec.sender_watch import SenderWatch
-from ..listening import MessageCounts
+from ..listening import OUR_MESSAGES, Heard, Listed, Listening, MessageCounts
 from .car_message import CarMessage, Reading, Refused, group_of
 from .dialect import Dialect
 from .quantities import SAID_BY, Values
 from .settings import Quantity
+
+_OUR_IDS = frozenset(ours.CAN_IDS.values())
 
 
 class Translation:
@@ -177,3 +180,58 @@ class CarReader:
             if before == reading.counter:
                 return Refused.REPEATED
         return self._translation.frames(message, reading.values, now_ns)
+
+
+def listening_to(dialect: Dialect) -> Listening:
+    """Return a listener that reads frames as both nodes would; it can measure no round trip."""
+    reader, messages = CarReader(dialect, dialect.messages), dialect.messages
+    kept = {name: it for name, it in OUR_MESSAGES.listed.items() if it.can_id in dialect.kept_ids}
+    of_car = {one.name: Listed(one.can_id, one.settings.cycle_ms) for one in messages}
+    of_plant = frozenset(one.can_id for one in dialect.sent_by(End.PLANT))
+    signals = {
+        carried.carries.value: f"{one.name}.{signal}"
+        for one in messages
+        for signal, carried in one.settings.signals.items()
+    }
+    names = {
+        name: signals[first].partition(".")[0]
+        for name, kind in ours.MESSAGE_TYPES.items()
+        if (first := next(iter(SAID_BY.get(kind, ())), "")) in signals
+    }
+
+    def hear(frame: Frame, now_ns: int) -> Heard:
+        message = reader.message_of(frame)
+        if message is None:
+            is_kept = frame.can_id in dialect.kept_ids or frame.can_id not in _OUR_IDS
+            if is_kept:
+                _note(reader, frame)
+            return Heard((frame,) if is_kept else (), is_foreign=not is_kept)
+        said = reader.read(message, frame, now_ns)
+        if isinstance(said, Refused):
+            return Heard(())
+        for one in said:
+            _note(reader, one)
+        return Heard(said, message.name)
+
+    def counts(name: str) -> MessageCounts | None:
+        return reader.counts(name) if name in of_car else None
+
+    return Listening(
+        {**of_car, **kept},
+        OUR_MESSAGES.from_plant & dialect.kept_ids | of_plant,
+        signals,
+        names,
+        {one.name: one for one in messages},
+        hear,
+        counts,
+    )
+
+
+def _note(reader: CarReader, frame: Frame) -> None:
+    """Let the statuses name a command that is not on its way, since a car names none."""
+    decoded = ours.decode(frame)
+    if isinstance(decoded, ours.Decoded) and isinstance(decoded.message, ours.SteeringCommand):
+        message = decoded.message
+        counter = message.command_counter + ours.COMMAND_COUNTERS // 2
+        counter %= ours.COMMAND_COUNTERS
+        reader.note_sent(message._replace(command_counter=counter))

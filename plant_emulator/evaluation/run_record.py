@@ -11,8 +11,7 @@ from ...dbc.messages import SteeringCommand
 from ...runtime.fast_named_tuple import new_record
 from ...runtime.output_file import open_text
 from ..path.cg_deviation import cg_deviation_m
-from ..path.corridor import BETWEEN, Corridor, Outside, outside_at
-from ..path.lane import Lane, beyond_lane_m
+from ..path.corridor import BETWEEN, Corridor, Lane, Outside, beyond_lane_m, outside_at
 from ..path.path import Path, pose
 from ..vehicle.exact_propagation import LinearState
 from ..vehicle.moving_vehicle import Motion

@@ -24,7 +24,7 @@ from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 from ..frame import Frame
-from ..frame.arbitration import arbitration_field
+from ..frame.frame import arbitration_field
 from ..frame.length_with_stuff_bits import INTERMISSION_BITS, bits_of_eight_bytes
 from ..node import NEVER_NS
 from ..node.virtual_time_loop import Delivered

@@ -9,7 +9,7 @@ from random import Random
 from typing import NamedTuple
 
 from ..frame import Frame
-from ..frame.arbitration import arbitration_field
+from ..frame.frame import arbitration_field
 from .bit_ticks import BitTicks
 
 COUNTS = 16

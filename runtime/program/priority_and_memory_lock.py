@@ -13,7 +13,19 @@ from typing import NamedTuple
 
 from ..command_line import whole_number
 from ..exit_status import cause_of
-from .garbage_collection import no_collections
+
+
+@contextmanager
+def no_collections() -> Iterator[None]:
+    """Collect no garbage until the end of the block; nodes make no reference cycles."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h

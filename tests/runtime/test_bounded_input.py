@@ -10,7 +10,7 @@ import pytest
 from steer_by_wire.runtime import input_file
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.input_file import bounded
-from steer_by_wire.runtime.program.garbage_collection import no_collections
+from steer_by_wire.runtime.program.priority_and_memory_lock import no_collections
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.runtime.settings.settings import read_table
 

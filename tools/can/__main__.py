@@ -25,7 +25,7 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import EXTENDED, Frame
-from steer_by_wire.runtime.frame.arbitration import arbitration_field
+from steer_by_wire.runtime.frame.frame import arbitration_field
 from steer_by_wire.runtime.frame.length_with_stuff_bits import most_frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.program.bus_options import bit_rate, data_bit_rate

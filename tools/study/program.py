@@ -14,12 +14,11 @@ from rich.progress import MofNCompleteColumn, Progress
 from ...closed_loop.pair.pair_result import BUS, PairFiles
 from ...closed_loop.reports.terminal import plain_console
 from ...closed_loop.studies.compiled_figures import short_windows
-from ...closed_loop.studies.dask_workers import dask_workers
 from ...closed_loop.studies.result_files import Store
 from ...closed_loop.studies.run_study import run_missing
 from ...closed_loop.studies.scenario import Pair, Scenarios
 from ...closed_loop.studies.study import load_study
-from ...closed_loop.studies.workers import Workers, local_workers
+from ...closed_loop.studies.workers import Workers, dask_workers, local_workers
 from ...dbc.bus_language import read_language
 from ...runtime.exit_status import ExitStatus
 from ...runtime.input_file import read_bytes

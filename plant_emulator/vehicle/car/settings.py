@@ -18,7 +18,7 @@ from ....runtime.settings.plugin import (
     plugin_place,
     plugin_table,
 )
-from ...path.lane import Lane
+from ...path.corridor import Lane
 from .car_choice import find_car_model
 from .rack_settings import RackSettings
 

@@ -9,8 +9,8 @@ from unittest import mock
 
 import pytest
 
-from steer_by_wire.closed_loop.studies.dask_workers import dask_workers
 from steer_by_wire.closed_loop.studies.run_study import run_missing
+from steer_by_wire.closed_loop.studies.workers import dask_workers
 from tests.support.runs.small_study import complete, make_scenarios, never, open_store
 from tests.support.suite.combinations import sampled
 

@@ -8,21 +8,19 @@ import pytest
 from scipy import signal
 
 from steer_by_wire.closed_loop.studies.vehicle_tests.scores import (
+    DWELL_ENDS_S,
     DWELL_FACTORS,
+    Drive,
+    drive,
     dwell_score,
+    held,
+    ramp,
     scores_of,
+    sine_with_dwell,
     steady_score,
     step_score,
 )
 from steer_by_wire.closed_loop.studies.vehicle_tests.settings import VehicleTestSettings
-from steer_by_wire.closed_loop.studies.vehicle_tests.steer_programs import (
-    DWELL_ENDS_S,
-    Drive,
-    drive,
-    held,
-    ramp,
-    sine_with_dwell,
-)
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.vehicle.car.steady_state import steady_turn
 from steer_by_wire.tools.study.__main__ import main

@@ -12,8 +12,8 @@ from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import Dialect, read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.overheard import listening_to
 from steer_by_wire.dbc.dialect.proposal import proposal
+from steer_by_wire.dbc.dialect.reader import listening_to
 from steer_by_wire.dbc.foreign_messages import cycle_ms_of, load_database, read_message_set
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node.end import End

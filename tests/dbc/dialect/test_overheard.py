@@ -22,7 +22,7 @@ from steer_by_wire.closed_loop.recordings.log_file import open_log
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.dialect.dialect import read_dialect
 from steer_by_wire.dbc.dialect.gateway import Gateway
-from steer_by_wire.dbc.dialect.overheard import listening_to
+from steer_by_wire.dbc.dialect.reader import listening_to
 from steer_by_wire.dbc.dialect.settings import Quantity
 from steer_by_wire.dbc.listening import Listening
 from steer_by_wire.dbc.messages import MESSAGE_TYPES, LateralError

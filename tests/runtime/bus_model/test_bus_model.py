@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.runtime.bus_model.bus_model import BusLoad, BusModel, BusOverflowError
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.runtime.frame.arbitration import arbitration_field
+from steer_by_wire.runtime.frame.frame import arbitration_field
 from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.node.virtual_time_loop import Delivered

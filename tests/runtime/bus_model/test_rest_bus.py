@@ -12,7 +12,7 @@ from steer_by_wire.runtime.bus_model.bus_model import BusModel, BusOverflowError
 from steer_by_wire.runtime.bus_model.rest_bus import COUNTS, PeriodicMessage, Traffic
 from steer_by_wire.runtime.bus_model.socketcan_error_frames import BIT_ERROR
 from steer_by_wire.runtime.frame import EXTENDED, Frame
-from steer_by_wire.runtime.frame.arbitration import arbitration_field
+from steer_by_wire.runtime.frame.frame import arbitration_field
 from tests.support.suite.combinations import sampled
 
 BITRATE_BIT_S = 500_000

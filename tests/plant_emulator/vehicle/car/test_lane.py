@@ -13,7 +13,7 @@ from steer_by_wire.closed_loop.studies.compiled_runs import verdict_on
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.path.cg_deviation import cg_deviation_m
-from steer_by_wire.plant_emulator.path.lane import Lane, beyond_lane_m
+from steer_by_wire.plant_emulator.path.corridor import Lane, beyond_lane_m
 from steer_by_wire.plant_emulator.path.path import vehicle_pose
 from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.plant_emulator.path.settings import CircleSettings
