@@ -75,10 +75,10 @@ from steer_by_wire.tools.run.result import (
     NAME,
     QUANTITIES,
     reports_of,
+    run_in_virtual_time,
     summary,
     verdict,
 )
-from steer_by_wire.tools.run.run_nodes import run_in_virtual_time
 
 PLANT_SIDE, CONTROLLER_SIDE, HAND_WHEEL_SIDE = "plant", "controller", "hand_wheel"
 _PACKAGES: Mapping[str, str] = {PLANT_SIDE: PLANT_PRESETS, CONTROLLER_SIDE: CONTROLLER_PRESETS}

@@ -1,27 +1,39 @@
 """A run of both nodes, its figures for the user, and what ``--fail-if`` may name of them."""
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from math import ceil
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...closed_loop.lockstep.node import LockstepNode
+from ...closed_loop.lockstep.node import LockstepNode, controller_node
 from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, HAND_WHEEL_PROGRAM, PLANT_PROGRAM
+from ...closed_loop.pair.virtual_bus import virtual_bus
+from ...closed_loop.pair.virtual_pair import START_S_MAX, pair_with
 from ...controller.command_line import fail_if_quantities as controller_quantities
 from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
+from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...dbc.edge import translated_text
 from ...dbc.messages import SteeredBy
 from ...hand_wheel.node import STEERED_BY_TEXTS, HandWheelNode
 from ...hand_wheel.program import QUANTITIES as HAND_WHEEL_QUANTITIES
+from ...hand_wheel.program import SAMPLES_MAX as HAND_WHEEL_SAMPLES_MAX
 from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.command_line import fail_if_quantities as plant_quantities
 from ...plant_emulator.evaluation.report_in_words import plant_summary, verdict_text
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.bus_model.bus_model import BusModel
+from ...runtime.bus_model.bus_model import BusModel, BusOverflowError
+from ...runtime.bus_model.settings import BusSettings
+from ...runtime.exit_status import BusError
 from ...runtime.node import ReportingNode
 from ...runtime.program.fail_if_conditions import of_part
 from ...runtime.program.run_node import FINISHED
+from ...runtime.program.stop_request import StopRequest
 from ...runtime.settings import Settings
 
 NAME = "steer-by-wire run"
@@ -163,3 +175,63 @@ def hand_wheel_text(node: Mapping[str, Any]) -> str:
     turns = f"up to {node['peak_angle_rad']:.2f} rad and {node['peak_driver_torque_n_m']:.1f} N m"
     who = STEERED_BY_TEXTS[SteeredBy[node["steered_by"].upper()]]
     return f"{node['law']}, {turns} of the driver; {who}"
+
+
+def run_in_virtual_time(
+    plant_settings: PlantSettings,
+    controller: ControllerSettings | Sequence[str],
+    settings: BusSettings,
+    candump_log: Path | None,
+    *,
+    is_ideal: bool,
+    language: BusLanguage = OUR_LANGUAGE,
+    hand_wheel: HandWheelSettings | None = None,
+) -> Run:
+    """Run plant and controller on a bus with these settings.
+
+    ``controller``  its settings, or the words of a command that speaks the lockstep protocol
+    ``is_ideal``    if frames are to take no time
+    ``language``    of the bus; a program speaks a car's of itself
+    ``hand_wheel``  None: there is none
+    """
+    wheel = None if hand_wheel is None else HandWheelNode(hand_wheel, 0, HAND_WHEEL_SAMPLES_MAX)
+    bitrate = settings.bitrate_bit_s
+    bus = virtual_bus(None if is_ideal else settings, plant_settings.seed)
+    stop = StopRequest()
+    begin_s = time.perf_counter()
+    with stop.on_signals(), controller_node(controller) as node:
+        pair = pair_with(plant_settings, node, language=language, hand_wheel=wheel)
+        try:
+            with _progress(plant_settings.duration_s) as on_second:
+
+                def should_stop() -> bool:
+                    on_second()
+                    return stop()
+
+                pair.run(bus, candump_log, should_stop)
+        except BusOverflowError as error:
+            raise BusError(f"{bitrate} bit/s are too few: {error}") from error
+    elapsed_s = time.perf_counter() - begin_s
+    carrier = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
+    where, ended_by = f"virtual time over {carrier}", stop.reason or FINISHED
+    if not (pair.has_started or stop.reason or pair.edge.finished or node.finished):
+        ended_by = f"{START_S_MAX} s without a command"
+        if isinstance(node, LockstepNode):
+            node.failure = node.failure or f"it sent no valid command in {START_S_MAX} s"
+    shared = bus if bus is not None and bus.is_lossy else None
+    edges = pair.edge, pair.controller_edge
+    return Run(pair.plant, node, edges, where, elapsed_s, ended_by, shared, wheel)
+
+
+@contextmanager
+def _progress(duration_s: float) -> Iterator[Callable[[], None]]:
+    """Show a bar of the seconds, which are reported one by one; without rich there is none."""
+    try:
+        from rich.console import Console
+
+        from ...closed_loop.reports.terminal import counting_bars
+    except ImportError:
+        yield lambda: None
+        return
+    with counting_bars(Console(stderr=True)) as bars:
+        yield partial(bars.advance, bars.add_task("", total=ceil(duration_s)))

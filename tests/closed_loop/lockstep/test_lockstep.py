@@ -179,7 +179,7 @@ def test_a_program_that_fails_is_one_line_and_the_verdict(
 def test_one_that_sends_nothing_ends_with_a_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for module in ("closed_loop.pair.virtual_pair", "tools.run.run_nodes"):
+    for module in ("closed_loop.pair.virtual_pair", "tools.run.result"):
         monkeypatch.setattr(f"steer_by_wire.{module}.START_S_MAX", 2)
     program = Path(__file__).with_name("silent_program.py")
     assert main(["--controller-command", f"{sys.executable} {program}"]) == 5
