@@ -121,7 +121,8 @@ class _Judge:
 
     def residuals(self, x: FloatArray) -> FloatArray:
         """Return all errors over their deviations, and those of the priors."""
-        found = self._weighted(x, self._response(x))
+        off = zip(self.errors(x), self.deviations, strict=True)
+        found = np.concatenate([*(e / s for e, s in off), (x - self.problem.start) * self.prior])
         cost = float(found @ found)
         if cost < self.best[0]:
             self.best = cost, x.copy()
@@ -206,12 +207,6 @@ class _Judge:
     def _errors(self, x: FloatArray, response: Response) -> tuple[FloatArray, ...]:
         values = self.problem.values(x)
         return tuple(one.values - seen(one, response, values) for one in self.samples)
-
-    def _weighted(self, x: FloatArray, response: Response) -> FloatArray:
-        sought = len(self.prior)
-        off = zip(self._errors(x, response), self.deviations, strict=True)
-        priors = (x[:sought] - self.problem.start) * self.prior
-        return np.concatenate([*(e / s for e, s in off), priors])
 
     def _column(self, x: FloatArray, base: Response, here: FloatArray, at: int) -> FloatArray:
         parameter = self.problem.coordinates[at]
