@@ -34,7 +34,7 @@ from .compiled_figures import (
     verdict_of,
 )
 from .node_runs import run_on_nodes
-from .scenario import Pair, Scenarios
+from .scenario import Scenarios
 
 PLANS_KEPT = 64
 """Networks kept for the next runs: about 300 kB each for a minute at 100 Hz."""
@@ -107,7 +107,7 @@ class Computer:
         """Return the runs ``ids``, in rising order; fewer if it should stop."""
         ends = np.zeros(len(ids), dtype=np.int64)
         figures = np.full((len(ids), len(COLUMNS)), np.nan)
-        scenarios = self.scenarios
+        scenarios, study = self.scenarios, self.scenarios.study
         known, shared, case, plant = -1, None, None, None
         done = 0
         for run in ids:
@@ -121,8 +121,9 @@ class Computer:
             if plant is None or own is not case:
                 case, plant = own, scenarios.plant(own)
             try:
-                if scenarios.study.on_nodes:
-                    end = self.run(scenarios.checked(case, name), figures[done])
+                if study.on_nodes:
+                    pair, row = scenarios.checked(case, name), figures[done]
+                    end = end_of(run_on_nodes(pair, study.settings.verdict, row), row[_DURATION])
                 else:
                     controller = with_period_of(plant, scenarios.controller(case, name))
                     end = self.one(plant, controller, figures[done])
@@ -134,15 +135,6 @@ class Computer:
             ends[done] = RUN_ENDS.index(end)
             done += 1
         return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
-
-    def run(self, pair: Pair, row: FloatArray) -> RunEnd:
-        """Write the results of one run into ``row``: compiled, or by the nodes."""
-        study = self.scenarios.study
-        if study.on_nodes:
-            end = run_on_nodes(pair, study.settings.verdict, row)
-        else:
-            end = self.one(pair.plant, pair.controller, row)
-        return end_of(end, row[_DURATION])
 
     def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:
         """Write the results of one compiled run into ``row``, shape (len(COLUMNS),)."""

@@ -15,7 +15,6 @@ import pytest
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.scripting.simulate import simulate
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
-from steer_by_wire.closed_loop.studies.compiled_runs import Computer
 from steer_by_wire.closed_loop.studies.node_runs import run_on_nodes
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.run_study import run_study
@@ -132,7 +131,7 @@ def test_a_bus_too_slow_for_the_pair_loses_frames_and_the_run_goes_on(tmp_path: 
     with pytest.raises(BusOverflowError):
         run_virtual_pair(pair.plant, pair.controller, BusSettings(bitrate_bit_s=10_000))
     row = np.full(len(COLUMNS), np.nan)
-    Computer(scenarios).run(pair, row)
+    run_on_nodes(pair, scenarios.study.settings.verdict, row)
     assert row[COLUMNS.index("samples")] == 1101  # one at both ends
 
 
