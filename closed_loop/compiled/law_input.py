@@ -61,6 +61,9 @@ from .loop_records import (
 )
 from .step_functions import register
 
+register(error_step, echo_step, command_step, path_step, yaw_rate_step, loop_delay_at)
+register(limit_plan, has_run_out, planned_rad, status_of)
+
 
 class Uplink(IntEnum):
     """Messages of a sample, as they enter the uplink, and that with a pace of its own."""

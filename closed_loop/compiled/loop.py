@@ -108,8 +108,12 @@ from .step_functions import (
     chosen_by_type,
     command_motion,
     place_of,
+    register,
     start_motion,
 )
+
+register(limit_step, difference_step, ramp_step, is_overruled)
+register(start_guard, guard_command, guard_timer, guard_wheel)
 
 COMPLETE, LEFT_RANGE, LAW_FAILED, IS_OVERRULED, SPEED_CHANGED, TAKEN_OVER = range(6)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that

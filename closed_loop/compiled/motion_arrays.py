@@ -27,6 +27,9 @@ from ...plant_emulator.vehicle.settings import (
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings.plugin import Part
 from .compilation import compiled
+from .step_functions import register
+
+register(deviation_behind_m)
 
 _MOTIONS_KEPT = 32
 """Motions cached for the next run with the same plant: about 2 MB each."""

@@ -40,6 +40,9 @@ from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 from .compilation import compiled
 from .law_input import Uplink
+from .step_functions import register
+
+register(loss_step)
 
 
 class Frames(NamedTuple):

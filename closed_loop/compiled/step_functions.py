@@ -16,15 +16,6 @@ import numba
 from numba import types
 from numba.extending import lower_builtin, overload, register_jitable, type_callable
 
-from ...controller.history.history import (
-    command_step,
-    echo_step,
-    error_step,
-    loop_delay_at,
-    path_step,
-    yaw_rate_step,
-)
-from ...controller.history.plan import limit_plan
 from ...controller.law_interface import Law, LawInput
 from ...controller.laws import LAWS
 from ...controller.laws.feed_forward import FeedForwardParams, feed_forward_step
@@ -34,8 +25,6 @@ from ...controller.laws.set_point import (
     followed_point_plan,
     followed_point_step,
 )
-from ...controller.limits.fades_and_ramps import difference_step, ramp_step
-from ...controller.limits.steer_limits import limit_step
 from ...controller.prediction.horizon import WIDTH, row_at, vector
 from ...controller.prediction.vehicle_kalman_filter import (
     Correction,
@@ -44,17 +33,6 @@ from ...controller.prediction.vehicle_kalman_filter import (
     row_of,
 )
 from ...dbc.messages import LawNumber
-from ...plant_emulator.network.loss import loss_step
-from ...plant_emulator.path.cg_deviation import deviation_behind_m
-from ...plant_emulator.steering.control_unit import status_of
-from ...plant_emulator.steering.hold_and_fallback import (
-    guard_command,
-    guard_timer,
-    guard_wheel,
-    is_overruled,
-    start_guard,
-)
-from ...plant_emulator.steering.plan_buffer import has_run_out, planned_rad
 from ...plant_emulator.vehicle.car.car_choice import BUILT_IN, CARS, drive_step, start_of_own
 from ...plant_emulator.vehicle.car.steering_choice import (
     STEERINGS,
@@ -67,28 +45,6 @@ from ...runtime.settings import SettingsError
 from .inlined_functions import INLINE
 from .memory import at, layout_of, on_stack, read, rows_by_address
 
-_CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
-    limit_step,
-    limit_plan,
-    has_run_out,
-    planned_rad,
-    difference_step,
-    ramp_step,
-    error_step,
-    echo_step,
-    command_step,
-    path_step,
-    yaw_rate_step,
-    loop_delay_at,
-    loss_step,
-    start_guard,
-    guard_command,
-    guard_timer,
-    guard_wheel,
-    is_overruled,
-    status_of,
-    deviation_behind_m,
-)
 _AROUND: dict[type, Callable[..., Any]] = {
     FeedForwardParams: feed_forward_step,
     FollowedPointParams: followed_point_step,
@@ -169,7 +125,7 @@ _CHOSEN: frozenset[Callable[..., Any]] = frozenset(
 
 
 def step_functions() -> tuple[Callable[..., Any], ...]:
-    """Return what ``register_steps`` registers."""
+    """Return what ``register_steps`` registers: motions and laws; loops register what they call."""
     laws = (law.step for law in LAWS.values())
     plans = (law.plan for law in LAWS.values() if law.plan is not None)
     around = (*_AROUND.values(), followed_point_plan)
@@ -180,7 +136,7 @@ def step_functions() -> tuple[Callable[..., Any], ...]:
     ]
     motions += [step for step, _ in STEERINGS.values()]
     motions += [BUILT_IN.step, BUILT_IN.start]
-    reached = _reached((*_CALLED_BY_LOOPS, *motions, *around, *laws, *plans))
+    reached = _reached((*motions, *around, *laws, *plans))
     return tuple(function for function in reached if function not in _CHOSEN)
 
 
@@ -192,9 +148,9 @@ def register_steps() -> None:
         _register(function)
 
 
-def register(function: Callable[..., Any]) -> None:
-    """Let compiled functions call a function, and what it calls."""
-    for one in _reached((function,)):
+def register(*functions: Callable[..., Any]) -> None:
+    """Let compiled functions call these functions, and what they call."""
+    for one in _reached(functions):
         _register(one)
 
 
