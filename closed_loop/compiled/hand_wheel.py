@@ -165,11 +165,9 @@ def _designed(settings: "HandWheelSettings") -> tuple[WheelParams, CycleParams]:
 
 @cache
 def _register_steps() -> None:
-    steps: list[Callable[..., Any]] = [cycle_step, wheel_step, steering_step, assist_step]
+    register(cycle_step, wheel_step, steering_step, assist_step)
     for motion in MOTIONS.values():
-        steps += [motion.front_lateral_n, motion.is_limited]
-    for function in steps:
-        register(function)
+        register(motion.front_lateral_n, motion.is_limited)
 
 
 @lru_cache(maxsize=256)

@@ -162,8 +162,7 @@ def _register(function: Callable[..., Any]) -> None:
 def register_car(kind: type) -> None:
     """Let compiled functions call the steps of a car, by the type of its params."""
     _, model = CARS[kind]
-    register(model.step)
-    register(model.start)
+    register(model.step, model.start)
 
 
 def register_law(name: str, law: Law, params: Any) -> None:
@@ -179,8 +178,7 @@ def register_law(name: str, law: Law, params: Any) -> None:
             f"law = {name!r}: a compiled run needs params of a NamedTuple that no other law has,"
             f" not {kind.__name__}"
         )
-    for function in (law.step, numbers_or_none):
-        register(function)
+    register(law.step, numbers_or_none)
     _laws[kind] = law
 
 

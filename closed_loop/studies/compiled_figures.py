@@ -189,8 +189,7 @@ def latency_figures(latency_s: RealArray) -> LatencyFigures:
     return LatencyFigures(float(known_s.mean()), float(np.partition(known_s, rank)[rank]))
 
 
-register(window_figures)
-register(held_step)
+register(window_figures, held_step)
 
 
 @compiled
