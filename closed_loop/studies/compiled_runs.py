@@ -121,18 +121,19 @@ class Computer:
             if plant is None or own is not case:
                 case, plant = own, scenarios.plant(own)
             try:
+                row = figures[done]
                 if study.on_nodes:
-                    pair, row = scenarios.checked(case, name), figures[done]
-                    end = end_of(run_on_nodes(pair, study.settings.verdict, row), row[_DURATION])
+                    pair = scenarios.checked(case, name)
+                    end = run_on_nodes(pair, study.settings.verdict, row)
                 else:
                     controller = with_period_of(plant, scenarios.controller(case, name))
-                    end = self.one(plant, controller, figures[done])
+                    end = self.one(plant, controller, row)
             except SettingsError as error:
                 raise SettingsError(*(f"run {run}: {line}" for line in error.mistakes)) from error
             except Exception as error:
                 error.add_note(f"run {run} of the study")
                 raise
-            ends[done] = RUN_ENDS.index(end)
+            ends[done] = RUN_ENDS.index(end_of(end, row[_DURATION]))
             done += 1
         return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
 

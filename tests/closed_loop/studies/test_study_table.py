@@ -111,6 +111,8 @@ def test_a_sweep_judges_by_the_thresholds_of_its_plant() -> None:
     narrow = {"plant.verdict.road_m": 0.001}
     assert sweep({}, duration_s=5.0)["verdict"][0] == "holds"
     assert sweep({}, duration_s=5.0, overrides=narrow)["verdict"][0] == "left road"
+    for engine in ("compiled", "virtual"):
+        assert sweep({}, duration_s=0.5, engine=engine)["verdict"][0] == "too short"
 
 
 def test_a_sweep_goes_over_lists_too() -> None:
