@@ -20,6 +20,7 @@ up to the next nanosecond only when it is returned.
 It serves the emulated bus in real time, and virtual time.
 """
 
+from collections import Counter
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -104,6 +105,8 @@ class BusModel:
         """Arbitration field, number, duration, sender and frame of those not complete yet; a heap.
 
         The first has the bus, or will have it unless another comes before ``_free_ticks``."""
+        self._traffic_waiting = Counter[tuple[int, int]]()
+        """Of the traffic, by arbitration field and sender: frames that are not on the wire yet."""
         self._completed: list[Delivered] = []
         self._free_ticks = self._idle_ticks = 0
         """When the first of the queue starts, or has started; and how long the bus was idle."""
@@ -137,9 +140,7 @@ class BusModel:
             self._carry(now_ticks)
         if self.errors is not None and self.errors.is_off(sender, now_ticks):
             self.lost_in_bus_off += 1
-        elif len(queue) < self._queue_limit or self._has_room(
-            arbitration, sender, self._queue_limit
-        ):
+        elif len(queue) < self._queue_limit or self._has_room(arbitration, sender):
             self._submitted = number = self._submitted + 1
             entry = arbitration, number, duration_ticks, sender, frame
             heappush(queue, entry)
@@ -184,17 +185,19 @@ class BusModel:
         while (due_ns := traffic.next_due_ns) < now_ns:
             self._carry(due_ns * self._per_ns)
             arbitration, duration_ticks, sender, frame = traffic.ready
-            has_room = self._has_room(arbitration, sender, 1)
+            has_room = not self._traffic_waiting[arbitration, sender]
+            self._refused += not has_room
             if has_room and not self.is_off(sender, due_ns):
+                self._traffic_waiting[arbitration, sender] = 1
                 self._submitted = number = self._submitted + 1
                 heappush(self._queue, (arbitration, number, duration_ticks, sender, frame))
             traffic.release(counts_on=has_room)
 
-    def _has_room(self, arbitration: int, sender: int, limit: int) -> bool:
+    def _has_room(self, arbitration: int, sender: int) -> bool:
         """Whether a transmit buffer has room; counts the frame as refused if not."""
         waiting = sum(field == arbitration and by == sender for field, _, _, by, _ in self._queue)
-        self._refused += waiting >= limit
-        return waiting < limit
+        self._refused += waiting >= self._queue_limit
+        return waiting < self._queue_limit
 
     def _carry(self, now_ticks: int) -> None:
         """Complete frames that have ended by now, and decide all arbitrations before now.
@@ -211,6 +214,8 @@ class BusModel:
             end_ticks, is_whole = self._free_ticks + duration_ticks, True
             if errors is not None:
                 end_ticks, is_whole = self._end_in_noise(end_ticks, errors)
+            if sender < 0 and arbitration != _ON_WIRE:
+                self._traffic_waiting[arbitration, sender] -= 1
             if end_ticks > now_ticks:
                 if arbitration != _ON_WIRE:
                     queue[0] = (_ON_WIRE, number, duration_ticks, sender, frame)
@@ -227,6 +232,8 @@ class BusModel:
                 self._completed.append((end_ns, NO_NODE, BIT_ERROR))
                 entry = arbitration_field(frame), number, duration_ticks, sender, frame
                 heappush(queue, entry)
+                if sender < 0:
+                    self._traffic_waiting[entry[0], sender] += 1
                 if errors.on_destroyed(sender, end_ticks, self._ticks):
                     self._withdraw(sender)
 
@@ -243,4 +250,6 @@ class BusModel:
         before = len(self._queue)
         self._queue[:] = [one for one in self._queue if one[3] != sender]
         heapify(self._queue)
+        for buffer in [buffer for buffer in self._traffic_waiting if buffer[1] == sender]:
+            del self._traffic_waiting[buffer]
         self.lost_in_bus_off += before - len(self._queue)
