@@ -4,6 +4,7 @@ A program does so on its standard input and output. A library does within this p
 waits for pipes, but what crashes or hangs in it ends or holds up this process.
 """
 
+import _ctypes
 import ctypes
 import os
 import select
@@ -11,7 +12,6 @@ import shutil
 import signal
 import subprocess
 import tempfile
-from _ctypes import dlclose
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -158,7 +158,7 @@ class LockstepLibrary:
         return self
 
     def __exit__(self, *_: object) -> None:
-        dlclose(self._library._handle)
+        _ctypes.dlclose(self._library._handle)  # not on Windows, where no library ends in .so
 
     def exchange(self, record: Record) -> Record:
         """Hand a record over; returns the answer. Raises ProcessError when there is none to use."""

@@ -4,6 +4,7 @@ import _ctypes
 import os
 import re
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -148,6 +149,11 @@ FAILURES = {
 }
 
 
+def test_programs_run_where_libraries_cannot_be_unloaded() -> None:
+    windows = "import _ctypes; del _ctypes.dlclose; import steer_by_wire.tools.run.__main__"
+    subprocess.run([sys.executable, "-c", windows], check=True)
+
+
 def test_a_library_that_cannot_be_used_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -271,8 +277,6 @@ def test_a_deadline_must_move_on_but_may_wait_beside_frames() -> None:
 def test_the_header_has_the_layout_of_the_record(tmp_path: Path) -> None:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler: the header was not compiled")
-    import subprocess
-
     header = Path(sys.modules[LockstepNode.__module__].__file__ or "").with_name("lockstep.h")
     facts = {
         "sizeof(struct lockstep_record)": RECORD_BYTES,

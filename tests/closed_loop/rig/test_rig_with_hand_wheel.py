@@ -32,11 +32,10 @@ def test_a_wheel_that_shakes_fails_with_how_it_does(tmp_path: Path) -> None:
 def test_a_program_as_the_hand_wheel_makes_the_run_of_the_node(tmp_path: Path) -> None:
     rig = rig_of(tmp_path, 0.02, 1.5)
     settings = settings_of(HandWheelSettings, "hands_off", {})
-    runs = [
-        rig.run("highway_pd", DRIVEN, hand_wheel=wheel)
+    node, program = (
+        rig.run("highway_pd", DRIVEN, hand_wheel=wheel).files.candump_log.read_bytes()
         for wheel in (lambda start_ns: HandWheelNode(settings, start_ns), PROGRAM)
-    ]
-    node, program = (run.files.candump_log.read_bytes() for run in runs)
+    )
     assert node == program
     assert b" 180#" in node  # HAND_WHEEL_STATE
 

@@ -383,17 +383,14 @@ TOLD_OF_THE_WHEEL = """{
     let status = cockpit.status;
     window.told = "still";
     const lanes = () => status?.lanes?.map((lane) => ({ ...lane, hand_wheel: window.told }));
-    Object.defineProperty(cockpit, "status", {
+    void Object.defineProperty(cockpit, "status", {
         get: () => status && { ...status, lanes: lanes() }, set: (value) => (status = value),
     });
-    0;
 }"""
 """How the wheel moves is the machine's time; what is said of it is the page's."""
 
 
-def test_the_moment_at_which_a_wheel_shakes_and_is_still_again_is_said(
-    browser: Browser, live: str
-) -> None:
+def test_the_moment_at_which_a_wheel_shakes_is_said(browser: Browser, live: str) -> None:
     opened(browser, live)
     begin(browser, "Feel it: hands off")
     browser.wait_for("cockpit.isDriven && cockpit.lanes.length")
