@@ -8,14 +8,13 @@ import asyncio
 import json
 import os
 import secrets
-import socket
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager, closing, suppress
 
 from aiohttp import WSMsgType, web
 
 from .page import page_files, served_page, single_page
-from .page_access import Entrance, guarded
+from .page_access import guarded
 from .page_requests import Desk
 from .replay import read_replay
 from .signals import packed_rows
@@ -23,9 +22,9 @@ from .signals import packed_rows
 STRANGERS_MAX = 64
 """Connections open at once that have not asked with the token. A browser asks at once, so that who
 only connects cannot keep it out, nor use up the program's files."""
-_WAITING_MAX = 4096
-"""Connections that wait in the kernel to be accepted; a browser beyond them waits for a second."""
-
+_BACKLOG = 32
+"""Connections that wait to be accepted, all at once: fewer than STRANGERS_MAX, so that a browser's
+request is read before others close its connection."""
 
 BATCH_S = 1.0 / 40.0
 _STATUS_BATCHES = 10
@@ -166,16 +165,10 @@ async def serving(server: Server, host: str, port: int) -> AsyncIterator[int]:
     runner = web.AppRunner(server.application(), access_log=None, shutdown_timeout=0.5)
     await runner.setup()
     try:
-        with socket.create_server((host, port), backlog=_WAITING_MAX) as listener:
-            port = int(listener.getsockname()[1])
-            if os.name != "posix":  # elsewhere a loop of asyncio watches no sockets
-                await asyncio.get_running_loop().create_server(
-                    lambda: server.connection(runner), sock=listener
-                )
-                yield port
-                return
-            entrance = Entrance(listener, STRANGERS_MAX, lambda: server.connection(runner))
-            yield port
-            entrance.close()
+        listener = await asyncio.get_running_loop().create_server(
+            lambda: server.connection(runner), host, port, backlog=_BACKLOG
+        )
+        with closing(listener):
+            yield int(listener.sockets[0].getsockname()[1])
     finally:
         await runner.cleanup()
