@@ -6,11 +6,7 @@ The databases of other people's vehicles: their signals are not decoded here.
 import logging
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import cantools.database
-import textparser
-from cantools.database.can import Database, Message
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..runtime.exit_status import one_line
 from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, EXTENDED, FD
@@ -18,6 +14,9 @@ from ..runtime.frame.length_with_stuff_bits import padded_length
 from ..runtime.input_file import bounded, read_bytes
 from ..runtime.settings import SettingsError
 from ..runtime.settings.settings import encoding_of
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database, Message
 
 CYCLE_MS_MIN, CYCLE_MS_MAX = 0.05, 1e7
 """From less than a frame takes at 1 Mbit/s to some hours [ms]."""
@@ -69,8 +68,11 @@ def file_and_bus(path: Path) -> tuple[Path, str]:
     return (Path(file), bus) if colon and not path.exists() else (path, "")
 
 
-def load_database(path: Path) -> Database:
+def load_database(path: Path) -> "Database":
     """Read a database with any byte order mark; raises SettingsError."""
+    import cantools.database  # not before there is a database: every run imports this module
+    import textparser
+
     # It warns of identifiers that come twice, which callers refuse in a line of their own.
     logging.getLogger("cantools").addHandler(logging.NullHandler())
     try:
@@ -101,7 +103,7 @@ def load_database(path: Path) -> Database:
             raise SettingsError(
                 f"{path}: {what}: {cause}; save it again with its editor"
             ) from error
-    if not isinstance(database, Database):
+    if not isinstance(database, cantools.database.Database):
         raise SettingsError(f"{path}: not a database of CAN messages")
     for message in database.messages:
         flags = [one for one in message.signals if one.length == 1 and one.is_signed]
@@ -112,7 +114,7 @@ def load_database(path: Path) -> Database:
     return database
 
 
-def cycle_ms_of(message: Message) -> float | None:
+def cycle_ms_of(message: "Message") -> float | None:
     """Return a message's cycle time; None for one that is sent on events [ms].
 
     A default of the database holds for what is sent in cycles alone. Databases store it as a
@@ -136,7 +138,7 @@ def cycle_ms_of(message: Message) -> float | None:
     return cycle_ms
 
 
-def _listed(message: Message) -> ListedMessage:
+def _listed(message: "Message") -> ListedMessage:
     flags = EXTENDED if message.is_extended_frame else 0
     length = message.length
     is_j1939 = message.protocol == "j1939"

@@ -48,6 +48,7 @@ from .loop_records import (
     Records,
     Segment,
     empty_records,
+    rms_of,
 )
 from .memory import KEPT_BYTES, memory_of, unpacked
 from .motion_arrays import cg_deviations_m, compiled_motion
@@ -159,12 +160,6 @@ class CompiledRun(NamedTuple):
     def preview_rms_m(self) -> float:
         """The same of the preview point."""
         return rms_of(self.lateral_error_m)
-
-
-def rms_of(values: FloatArray) -> float:
-    """Return the root mean square, added up in the order of the samples; 0 without any."""
-    squares = np.cumsum(np.square(values))
-    return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0
 
 
 def run_compiled(

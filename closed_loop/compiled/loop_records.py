@@ -219,3 +219,9 @@ class Segment(NamedTuple):
     first_tick: int
     last_tick: int
     is_recovery: bool
+
+
+def rms_of(values: FloatArray) -> float:
+    """Return the root mean square, added up in the order of the samples; 0 without any."""
+    squares = np.cumsum(np.square(values))
+    return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0

@@ -17,10 +17,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import least_squares
-from scipy.signal import fftconvolve
 
 from ...runtime.array_types import FloatArray
+from ..pair.pair_result import rms
 from .parameters import Problem
 from .response import Grid, Response, Samples, coarse, respond, seen
 
@@ -279,11 +280,6 @@ def _deviations(errors: Sequence[FloatArray]) -> FloatArray:
     return np.array([max(rms(e) * np.sqrt(samples_alike(e)), 1e-9) for e in errors])
 
 
-def rms(errors: FloatArray) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(errors**2)))
-
-
 def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     problem, sought = judge.problem, len(x)
     errors, residuals = judge.errors(x), judge.residuals(x)
@@ -351,5 +347,7 @@ def is_white(errors: FloatArray) -> bool:
 def long_run_sums(scores: FloatArray, lags: int) -> FloatArray:
     """Return the scores' sums of products up to so many periods apart, by Bartlett's weights."""
     weights = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0)
-    summed: FloatArray = scores.T @ fftconvolve(scores, weights[:, np.newaxis], "same", axes=0)
+    length = next_fast_len(len(scores) + 2 * lags, real=True)
+    product = rfft(scores, length, axis=0) * rfft(weights, length)[:, np.newaxis]
+    summed: FloatArray = scores.T @ irfft(product, length, axis=0)[lags : lags + len(scores)]
     return 0.5 * (summed + summed.T)

@@ -11,8 +11,9 @@ import numpy as np
 
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
+from ..pair.pair_result import rms
 from .figures import Figure, figures_of
-from .fit import Fit, Progress, Stopped, fit, is_white, quiet, refit, rms, samples_alike
+from .fit import Fit, Progress, Stopped, fit, is_white, quiet, refit, samples_alike
 from .parameters import FRICTION_MAX, Known, problem_of
 from .response import Grid, Samples, grid_of, residuals_percent, samples_of
 from .time_series import Drive, Quantity

@@ -31,8 +31,7 @@ from ...runtime.node import NS_PER_S
 from ...runtime.output_file import open_text, write_text
 from ...runtime.settings.settings import DIGESTS
 from ...runtime.settings.toml_text import dump_toml
-from ..compiled.engine import rms_of
-from ..compiled.loop_records import TICK_NS
+from ..compiled.loop_records import TICK_NS, rms_of
 from ..pair.named_files import digest_lines, with_absolute_names
 
 if TYPE_CHECKING:

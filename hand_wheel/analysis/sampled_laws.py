@@ -21,7 +21,6 @@ from math import exp
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, expm
 
 from ..wheel import LinearSystem, Matrix, Row, Rows
 
@@ -39,7 +38,7 @@ class SampledLaw(NamedTuple):
     ) -> "SampledLaw":
         """Return the law with damping by the filtered rate."""
         kept, gain = _low_pass(cutoff_rad_s, cycle_s)
-        a = block_diag(self.a, kept)
+        a = _with_low_passes(self.a, kept)
         b = np.vstack((self.b, [1.0 - kept, 0.0, 0.0]))
         c = np.append(self.c, -damping_n_m_s * gain)
         d = self.d + np.array([damping_n_m_s * gain, 0.0, 0.0])
@@ -65,7 +64,7 @@ def sampled_cdob(
     model = zero_order_hold(nominal, cycle_s)
     order = len(model.b)
     kept, kept_slow = kept_of(cutoff_rad_s, cycle_s), kept_of(washout_rad_s, cycle_s)
-    a = block_diag(model.a, kept, kept_slow)
+    a = _with_low_passes(model.a, kept, kept_slow)
     a[order, :order] = (1.0 - kept) * model.c
     a[order + 1, order] = 1.0 - kept_slow
     b = np.zeros((order + 2, 3))
@@ -91,11 +90,20 @@ def sampled_dob(
 
 def zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:
     """Return the system sampled every ``time_s``, its input held between."""
+    from scipy.linalg import expm  # not before it is needed: every run imports this module
+
     order = len(system.b)
     both = np.zeros((order + 1, order + 1))
     both[:order, :order], both[:order, order] = system.a, system.b
     exponential = expm(both * time_s)
     return LinearSystem(exponential[:order, :order], exponential[:order, order], system.c)
+
+
+def _with_low_passes(a: Matrix, *kept: float) -> Matrix:
+    """Return A with the states of low-passes added, of which a cycle leaves these shares."""
+    diagonal = np.diag([*np.zeros(len(a)), *kept])
+    diagonal[: len(a), : len(a)] = a
+    return diagonal
 
 
 def _low_pass(cutoff_rad_s: float, cycle_s: float) -> tuple[float, float]:

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from ...closed_loop.compiled.engine import Outcome, rms_of, run_compiled
+from ...closed_loop.compiled.engine import Outcome, run_compiled
+from ...closed_loop.compiled.loop_records import rms_of
 from ...closed_loop.compiled.schedule import RunSchedule
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from steer_by_wire.closed_loop.compiled.engine import Outcome, rms_of, run_compiled
+from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
+from steer_by_wire.closed_loop.compiled.loop_records import rms_of
 from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import least_margin_ns

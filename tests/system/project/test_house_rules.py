@@ -102,8 +102,9 @@ def test_a_node_loads_no_bus_and_nothing_heavy() -> None:
 def test_programs_start_with_nothing_heavy() -> None:
     """Start-up time is a promise: these do without numba, scipy and matplotlib, some at first."""
     nodes = (f"{name}.command_line.program" for name in ("controller", "plant_emulator"))
-    tools = (f"tools.{name}.__main__" for name in ("study", "design"))
-    programs = ", ".join(f"steer_by_wire.{name}" for name in (*nodes, *tools))
+    tools = (f"tools.{name}.__main__" for name in ("cockpit", "design", "run", "study"))
+    places = *nodes, *tools, "closed_loop.scripting.simulate"
+    programs = ", ".join(f"steer_by_wire.{place}" for place in places)
     assert loaded(programs, "cantools numba scipy matplotlib rich") == []
 
 

@@ -8,7 +8,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from ....closed_loop.compiled.engine import rms_of, run_compiled
+from ....closed_loop.compiled.engine import run_compiled
+from ....closed_loop.compiled.loop_records import rms_of
 from ....closed_loop.studies.compiled_runs import verdict_on
 from ....controller.analysis.loop_signals import HEADING_NOISE_1_M
 from ....controller.analysis.sampled_loop import SampledLoop
