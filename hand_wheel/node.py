@@ -205,6 +205,11 @@ class HandWheelNode:
         self._reception.on_sent(frames)
         return frames
 
+    @property
+    def driver_torque_n_m(self) -> float:
+        """The torque of the hands on the wheel."""
+        return self._wheel.driver_torque_n_m
+
     def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes with a cycle
         """Return what a user should see now."""
         reception, wheel = self._reception, self._wheel

@@ -42,6 +42,7 @@ from steer_by_wire.runtime.program.bus_options import (
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.lane import Lane
 from steer_by_wire.tools.cockpit.lanes import OwnLanes
+from steer_by_wire.tools.cockpit.orders import open_wheel
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.page_access import HOST
 from steer_by_wire.tools.cockpit.page_requests import Desk
@@ -91,6 +92,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--no-browser", dest="browser", action="store_false", help="only print the address"
     )
+    parser.add_argument(
+        "--usb-wheel", type=Path, metavar="/dev/input/eventN",
+        help="steering wheel that you hold, and that gets the force feedback",
+    )  # fmt: skip
     add_dialect_argument(parser, "read the messages of a car, and start programs that speak them")
     add_bus_arguments(parser)
     add_traffic_arguments(parser)
@@ -99,6 +104,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     language = read_language(options.dialect)
+    # python-can adds only what was given.
+    is_own = not (options.recordings or {"interface", "channel"} & vars(options).keys())
+    if options.usb_wheel is not None and not is_own:
+        raise SettingsError("--usb-wheel steers only a car that the cockpit has started itself")
     if options.recordings:
         block = read_replay(options.recordings, options.log_channel, language.listening())
         if options.export is not None:
@@ -110,10 +119,12 @@ def _run(options: argparse.Namespace) -> int:
     if options.export is not None:
         raise SettingsError("--export needs a RECORDING")
     settings = bus_settings(options)
-    if not {"interface", "channel"} & vars(options).keys():  # python-can adds only what was given
+    if is_own:
         first = scenario_titled(options.scenario)
         traffic_of(settings, 1)  # a mistake in a database is reported before the address
-        lanes = OwnLanes(options.bus, settings, language)
+        if options.usb_wheel is not None:
+            open_wheel(options.usb_wheel)[1].close()
+        lanes = OwnLanes(options.bus, settings, language, options.usb_wheel)
         desk = Desk(lanes, None, "", may_control=True)
         return asyncio.run(_serve(options, desk, None, first))
     if not settings.is_quiet:

@@ -2,8 +2,8 @@
 
     python -m steer_by_wire.tools.cockpit.hand FILE -i emulated -c lane1 [--wheel WHEEL.toml]
 
-With ``--wheel`` the hand holds a hand wheel with these settings, which steers the plant. With
-``--pedals`` it asks for the speed too.
+With ``--wheel`` the hand holds a hand wheel with these settings, which steers the plant; with
+``--usb-wheel`` too, a real one. With ``--pedals`` it asks for the speed too.
 
 A process of its own, which only the bus connects to the plant. The cockpit leaves the newest orders
 in a file that both have mapped. A hand that the page no longer reports sends nothing, and asks for
@@ -11,13 +11,11 @@ speed 0: the plant then holds, and falls back, as after the death of a controlle
 """
 
 import argparse
-import mmap
-import struct
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...dbc.bus_language import add_dialect_argument, read_language
 from ...dbc.messages import (
@@ -44,60 +42,11 @@ from ...runtime.port.port import open_port
 from ...runtime.port.python_can import shutting_down
 from ...runtime.program.stop_request import StopRequest
 from ...runtime.settings import load_settings
+from .orders import HAND_WHEELS, HANDS_OFF, HandFile, Orders, UsbWheel
 
 PERIOD_NS = 10 * NS_PER_MS
-RELEASED_NS = 500 * NS_PER_MS
-"""After so long without a report of the page no one steers."""
-HAND_WHEELS: Mapping[str, Mapping[str, Any]] = {
-    "hand_wheel": {"law": "rack_force", "damping_n_m_s": 0.0},
-    "hand_wheel_damped": {"law": "rack_force", "damping_n_m_s": 0.5},
-    "hand_wheel_cdob": {"law": "cdob", "damping_n_m_s": 0.0},
-}
-"""In place of a controller's preset: the hand wheel by which the visitor steers, with its feedback.
-
-The damping is chosen."""
-HANDS_OFF = "hands_off"
 SPEED_M_S_MAX = limits(SpeedRequest)["speed_max_m_s"].maximum
 _SPEED_PERIOD_NS = 100 * NS_PER_MS
-_CONTENT = struct.Struct("=qdqdq")
-_EMPTY = _CONTENT.pack(-RELEASED_NS, 0.0, 0, 0.0, -1)
-_HANDS_LAG_S = 0.03
-"""Between two reports of the page the hands move on smoothly."""
-
-
-class Orders(NamedTuple):
-    """What the visitor does: angle of the front wheels, one of GRIPS, speed, one of HAND_WHEELS.
-
-    ``wheel``  empty: the one that the hand began with
-    """
-
-    steer_rad: float = 0.0
-    grip: str = "light"
-    speed_m_s: float = 0.0
-    wheel: str = ""
-
-
-class HandFile:
-    """The newest orders, with their time on this machine's monotonic clock [ns]."""
-
-    def __init__(self, path: Path) -> None:
-        """Map a file, and make it if there is none."""
-        if not path.exists():
-            path.write_bytes(_EMPTY)
-        with path.open("r+b") as file:
-            self._map = mmap.mmap(file.fileno(), _CONTENT.size)
-
-    def write(self, orders: Orders, now_ns: int) -> None:
-        """Leave the orders."""
-        grip, wheel = [*GRIPS].index(orders.grip), ["", *HAND_WHEELS].index(orders.wheel) - 1
-        self._map[:] = _CONTENT.pack(now_ns, orders.steer_rad, grip, orders.speed_m_s, wheel)
-
-    def read(self, now_ns: int) -> Orders | None:
-        """Return the orders; None when no one steers."""
-        time_ns, steer_rad, grip, speed_m_s, wheel = _CONTENT.unpack(self._map[:])
-        if now_ns - time_ns >= RELEASED_NS:
-            return None
-        return Orders(steer_rad, [*GRIPS][grip], speed_m_s, ["", *HAND_WHEELS][wheel + 1])
 
 
 class Person:
@@ -105,7 +54,7 @@ class Person:
 
     def __init__(self, hand: HandFile, settings: HandWheelSettings) -> None:
         self._hand, self._ratio, self._cycle_s = hand, settings.steering_ratio, settings.cycle_s
-        self._kept = kept_of(1.0 / _HANDS_LAG_S, settings.cycle_s)
+        self._kept = kept_of(1.0 / hand.lag_s, settings.cycle_s)
         self._wished_rad = 0.0
 
     def hands(self, now_ns: int) -> Hands | None:
@@ -177,6 +126,8 @@ class Seat(Wrapper[Any]):
             frames.append(self._requests.frame(SpeedRequest(speed_max_m_s=orders.speed_m_s)))
         if self.node.deadline_ns <= now_ns:
             frames += self.node.on_tick(now_ns)
+            if isinstance(self.node, HandWheelNode):
+                self._hand.play(-self.node.driver_torque_n_m, now_ns)
         return frames
 
 
@@ -185,6 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path)
     parser.add_argument("--wheel", type=Path)
+    parser.add_argument("--usb-wheel", type=Path)
     parser.add_argument("--pedals", action="store_true")
     add_dialect_argument(parser)
     add_bus_arguments(parser)
@@ -194,7 +146,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     opened = open_port(options, can_ids=[CAN_IDS[kind] for kind in (RECEIVED if wheel else ())])
     with shutting_down(opened.port), stop.on_signals():
         start_ns = time.monotonic_ns()
-        file = HandFile(options.file)
+        if wheel and options.usb_wheel:
+            file: HandFile = UsbWheel(options.file, options.usb_wheel, wheel.steering_ratio)
+        else:
+            file = HandFile(options.file)
         hand: Any = HandNode(file, start_ns)  # no one asks it for a report
         if wheel:
             hand = HandWheelNode(wheel, start_ns, person=Person(file, wheel).hands)

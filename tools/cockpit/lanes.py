@@ -30,8 +30,8 @@ from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.port.python_can import BusPort
 from .ghost import Ghost
-from .hand import HandFile
 from .lane import Lane
+from .orders import HandFile
 from .scenario import HAND, LaneSettings, Scenario, lane_settings
 
 _POINT_M = 0.5
@@ -109,6 +109,7 @@ class OwnLanes:
     ``wanted``    bus: auto, socketcan or emulated, as ``open_channels`` takes it
     ``settings``  of an emulated bus
     ``language``  of the bus
+    ``usb_wheel`` device in the visitor's hands, in the first lane with a hand wheel
 
     ``lanes``, ``facts``  one a pair
     ``bus``               description of the bus
@@ -116,9 +117,14 @@ class OwnLanes:
     """
 
     def __init__(
-        self, wanted: str, settings: BusSettings = QUIET_BUS, language: BusLanguage = OUR_LANGUAGE
+        self,
+        wanted: str,
+        settings: BusSettings = QUIET_BUS,
+        language: BusLanguage = OUR_LANGUAGE,
+        usb_wheel: FilePath | None = None,
     ) -> None:
         self._wanted, self._settings, self._language = wanted, settings, language
+        self._usb_wheel = usb_wheel
         self._stack = ExitStack()
         self._pairs: Sequence[LivePair] = ()
         self._paused: set[tuple[int, Program]] = set()
@@ -146,6 +152,7 @@ class OwnLanes:
                 open_channels(self._wanted, names, folder / "bus.txt", self._settings, seed)
             )
             lanes, pairs = [], []
+            device = [] if self._usb_wheel is None else ["--usb-wheel", str(self._usb_wheel)]
             hand = folder / "hand"
             self.hand = HandFile(hand)
             for name, bus, lane in zip(names, channels.buses, settings, strict=True):
@@ -159,7 +166,8 @@ class OwnLanes:
                 files.write_settings(lane.plant, lane.controller, hand_wheel=lane.hand_wheel)
                 words = [str(hand)]
                 if lane.hand_wheel is not None:
-                    words += ["--wheel", str(files.settings(HAND_WHEEL_PROGRAM))]
+                    words += ["--wheel", str(files.settings(HAND_WHEEL_PROGRAM)), *device]
+                    device = []
                 if lane.is_driven:
                     words += ["--pedals"]
                 words += [*self._language.options, *bus.options]

@@ -18,9 +18,10 @@ from ...closed_loop.reports.law_colours import law_lines
 from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
 from ...runtime.exit_status import BusError
 from ...runtime.settings import Settings, SettingsError
-from .hand import HAND_WHEELS, SPEED_M_S_MAX, Orders
+from .hand import SPEED_M_S_MAX
 from .lane import Lane
 from .lanes import Action, OwnLanes, Program, lane_facts
+from .orders import HAND_WHEELS, Orders
 from .scenario import LANES_MAX, Latency, Scenario, choices, scenario_of
 from .signals import ROW_PERIOD_S, shown
 

@@ -21,7 +21,7 @@ from ...plant_emulator.path.settings import PathModel
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings, plant_preset
 from ...runtime.settings import Settings, SettingsError, preset_names, with_values
-from .hand import HAND_WHEELS, HANDS_OFF
+from .orders import HAND_WHEELS, HANDS_OFF
 
 LANES_MAX = 4
 HAND = "hand"

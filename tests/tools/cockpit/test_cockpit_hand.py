@@ -1,8 +1,13 @@
 """The visitor's hand on the bus, and the ghost next to the car."""
 
+import errno
 import math
+import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from steer_by_wire.dbc.messages import (
@@ -17,16 +22,17 @@ from steer_by_wire.hand_wheel.node import HandWheelNode
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS
 from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.ghost import Ghost
-from steer_by_wire.tools.cockpit.hand import (
+from steer_by_wire.tools.cockpit.hand import PERIOD_NS, HandNode, Person, Seat
+from steer_by_wire.tools.cockpit.orders import (
     HAND_WHEELS,
-    PERIOD_NS,
     RELEASED_NS,
+    TURN_RAD,
     HandFile,
-    HandNode,
     Orders,
-    Person,
-    Seat,
+    UsbWheel,
+    open_wheel,
 )
 from steer_by_wire.tools.cockpit.scenario import lane_settings, scenarios
 from tests.support.frames.made_messages import command_of, latency_of, message_with
@@ -70,6 +76,72 @@ def test_a_person_turns_the_hand_wheel_smoothly_and_lets_go(tmp_path: Path) -> N
     assert person.hands(now_ns + RELEASED_NS) is None
     file.write(Orders(0.02, "hands_off"), now_ns)
     assert person.hands(now_ns) is None
+
+
+class Device:
+    """Stands for evdev's InputDevice: an axis from -100 to 300, and a constant force."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.axis, self.levels, self.has_gone = name, 100, list[int](), False
+
+    def capabilities(self, absinfo: bool) -> dict[str, list[str]]:
+        assert not absinfo
+        return {"EV_ABS": ["ABS_X"], "EV_FF": [] if "event0" in self.name else ["FF_CONSTANT"]}
+
+    def absinfo(self, axis: str) -> SimpleNamespace:
+        if self.has_gone:
+            raise OSError(errno.ENODEV, "No such device")
+        assert axis == "ABS_X"
+        return SimpleNamespace(value=self.axis, min=-100, max=300)
+
+    def upload_effect(self, effect: tuple[Any, ...]) -> int:
+        assert effect[:2] == ("FF_CONSTANT", 7 if self.levels else -1)
+        self.levels.append(effect[-1])
+        return 7
+
+    def write(self, *play: object) -> None:
+        assert play == ("EV_FF", 7, 1)
+
+    def close(self) -> None:
+        self.has_gone = True
+
+
+@pytest.fixture
+def evdev(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("ABS_X", "EV_ABS", "EV_FF", "FF_CONSTANT")
+    ff = SimpleNamespace(
+        Effect=lambda *parts: parts,
+        EffectType=lambda ff_constant_effect: ff_constant_effect,
+        Constant=lambda level, _envelope: level,
+        **dict.fromkeys(("Envelope", "Trigger", "Replay"), lambda *_: ()),
+    )
+    codes = SimpleNamespace(**{name: name for name in names})
+    module = SimpleNamespace(InputDevice=Device, ecodes=codes, ff=ff)
+    monkeypatch.setitem(sys.modules, "evdev", module)  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("evdev")
+def test_a_usb_wheel_turns_the_hand_wheel_and_feels_what_it_pushes_with(tmp_path: Path) -> None:
+    settings = HandWheelSettings(cycle_ms=5.0)
+    usb = UsbWheel(tmp_path / "hand", Path("/dev/input/event5"), settings.steering_ratio)
+    node = HandWheelNode(settings, START_NS, person=Person(usb, settings).hands, samples_max=99)
+    seat, device = Seat(node, usb, START_NS, pedals=False), usb._wheel
+    device.axis = 60  # a tenth of its way to the left
+    for number in range(99):
+        usb.write(Orders(grip="firm"), START_NS + number * settings.cycle_ns)
+        seat.on_tick(seat.deadline_ns)
+    assert node.samples[-1].angle_rad == pytest.approx(0.1 * TURN_RAD, abs=0.05)
+    pushed = np.sign([sample.driver_torque_n_m for sample in node.samples])
+    assert np.array_equal(np.sign(device.levels), -pushed[: len(device.levels)])
+    assert max(map(abs, device.levels)) == 0x7FFF
+    device.has_gone = True
+    assert usb.read(START_NS) is None
+
+
+@pytest.mark.usefixtures("evdev")
+def test_what_has_no_force_is_no_usb_wheel() -> None:
+    with pytest.raises(SettingsError, match="event0 is no wheel with force feedback: it needs an"):
+        open_wheel(Path("/dev/input/event0"))
 
 
 def test_a_car_is_asked_for_the_visitors_speed_and_stops_without_him(tmp_path: Path) -> None:
