@@ -10,7 +10,7 @@ constant, nothing can overtake, and frames that come together stay together.
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
 from heapq import heappop, heappush
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from ...runtime.node import NEVER_NS
 from ...runtime.node.statistics import DurationStatistics
@@ -23,16 +23,12 @@ _BLOCK = 256
 WAITING_MAX = 100_000
 """Frames that a line holds: three times those of the longest latency at the highest rate."""
 
-Item = TypeVar("Item")
+Item = TypeVar("Item", bound=tuple[Any, ...])
+"""A frame, or what takes its place: a tuple that begins with its key."""
 
 
-Passage = tuple[int, int, Sequence[tuple[int, Item]]]
-"""Frames that leave the line together.
-
-    due_ns   when they leave [ns]
-    came_ns  when they came [ns]
-    frames   the key and the item of each
-"""
+Passage = tuple[int, int, Sequence[Item]]
+"""When frames leave the line together, when they came [ns], and the frames."""
 _FRAMES_MAX = 8
 """More frames than ever come together."""
 
@@ -63,8 +59,8 @@ class LatencyLine(Generic[Item]):
         self._in_order = settings.order is Order.IN_ORDER
         self._in_turn: deque[Passage[Item]] = deque()
         """Waiting frames, all of one constant latency."""
-        self._waiting: list[tuple[int, int, int, int, Item]] = []
-        """Due time, number, arrival, key and item of each other frame; a heap."""
+        self._waiting: list[tuple[int, int, int, Item]] = []
+        """Due time, number, arrival and item of each other frame; a heap."""
         self.next_due_ns = NEVER_NS
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
@@ -84,7 +80,7 @@ class LatencyLine(Generic[Item]):
     def counts(self) -> LineCounts:
         """Counts of the frames so far."""
         return LineCounts(
-            self._pushed,
+            self._pushed + self._came_in_turn,
             self._settled + len(self._latencies_ns) + self._left_in_turn,
             self._lost,
             self._superseded,
@@ -114,25 +110,20 @@ class LatencyLine(Generic[Item]):
         self._separate()
         self._draw.reconfigure(model, mean_s, spread_s, loss, self._pushed)
 
-    def push(self, frames: Sequence[tuple[int, Item]], now_ns: int, motion_ns: int) -> None:
-        """Put frames into the line at ``now_ns``, ``motion_ns`` after the start of motion.
-
-        ``frames``  the key and the item of each
-        """
+    def push(self, frames: Sequence[Item], now_ns: int, motion_ns: int) -> None:
+        """Put frames into the line at ``now_ns``, ``motion_ns`` after the start of motion."""
         waiting, constant_ns = self._waiting, self._draw.constant_ns
         if constant_ns is not None:
             self._drawn_ns = constant_ns
             in_turn = self._in_turn
             if not waiting and _FRAMES_MAX * len(in_turn) < WAITING_MAX:
-                count = len(frames)
-                self._pushed += count
-                self._came_in_turn += count
+                self._came_in_turn += len(frames)
                 in_turn.append((now_ns + constant_ns, now_ns, frames))
                 self.next_due_ns = in_turn[0][0]
                 return
             self._separate()
         in_order, sequence, injected_ns = self._in_order, self._sequence, self._injected_ns
-        for key, item in frames:
+        for item in frames:
             latency_ns = constant_ns
             if latency_ns is None:
                 latency_ns = self._draw.latency_ns(self._samples, now_ns, motion_ns)
@@ -147,10 +138,11 @@ class LatencyLine(Generic[Item]):
                 continue
             due_ns = now_ns + latency_ns
             if in_order:
+                key = item[0]
                 due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
                 self._last_due_ns[key] = due_ns
             sequence += 1
-            heappush(waiting, (due_ns, sequence, now_ns, key, item))
+            heappush(waiting, (due_ns, sequence, now_ns, item))
         self._sequence = sequence
         self._samples += 1
         if waiting:
@@ -175,31 +167,32 @@ class LatencyLine(Generic[Item]):
             return released
         newest, newest_wins = self._newest_released, self._newest_wins
         while waiting:
-            due_ns, sequence, came_ns, key, item = waiting[0]
-            if sequence < newest[key]:  # a newer one of the same key has left
+            due_ns, sequence, came_ns, item = waiting[0]
+            if sequence < newest[item[0]]:  # a newer one of the same key has left
                 self._superseded += 1
             elif due_ns > now_ns:
                 self.next_due_ns = due_ns
                 break
             else:
                 latencies_ns.append(due_ns - came_ns)
-                released.append((due_ns, came_ns, ((key, item),)))
+                released.append((due_ns, came_ns, (item,)))
                 if newest_wins:
-                    newest[key] = sequence
+                    newest[item[0]] = sequence
             heappop(waiting)
         return released
 
     def _separate(self) -> None:
         """Move the waiting frames to the heap, where others can overtake them."""
         for due_ns, came_ns, frames in self._in_turn:
-            for key, item in frames:
+            for item in frames:
                 self._sequence += 1
-                self._last_due_ns[key] = due_ns
-                self._waiting.append((due_ns, self._sequence, came_ns, key, item))
+                self._last_due_ns[item[0]] = due_ns
+                self._waiting.append((due_ns, self._sequence, came_ns, item))
         self._in_turn.clear()
 
     def _settle(self) -> None:
         """Make the deferred statistics."""
+        self._pushed += self._came_in_turn
         self._settled += len(self._latencies_ns) + self._left_in_turn
         self._latency.record_all(self._latencies_ns)
         self._injected.record_all(self._injected_ns)

@@ -29,7 +29,7 @@ class Network:
     """
 
     def __init__(self, latency: BothLatencySettings, seed: int) -> None:
-        self.downlink: LatencyLine[DownlinkMessage] = LatencyLine(
+        self.downlink: LatencyLine[tuple[int, DownlinkMessage]] = LatencyLine(
             latency.downlink, partial(uniforms, seed, Stream.DOWNLINK, None)
         )
         self.uplink: LatencyLine[Frame] = LatencyLine(
@@ -50,8 +50,7 @@ class Network:
         measured: list[Frame] = []
         for left_ns, came_ns, frames in self.uplink.pop_due(due_ns):
             self.measured_latency_s = (left_ns - came_ns) * 1e-9
-            for _, frame in frames:
-                measured.append(frame)
+            measured += frames
         return measured
 
     def reconfigure(self, config: LatencyChange) -> None:

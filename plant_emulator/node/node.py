@@ -477,7 +477,7 @@ class PlantNode:
         if force_n is None:
             force_n = -self._motion.front_lateral_n(self._vehicle) * table.trail_m / table.arm_m
         frame = self._sampling.frames.steering_force(self._unit.target_rad, force_n)
-        self._network.uplink.push([(frame.can_id, frame)], time_ns, motion_ns)
+        self._network.uplink.push([frame], time_ns, motion_ns)
 
     def _status_frame(self, safety: SafetyState, now_ns: int) -> Frame:
         refused = self._reception.refused + self._unauthenticated

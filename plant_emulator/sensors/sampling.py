@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
-    CAN_IDS,
     CURVATURE_FIELDS,
     CarTruth,
     GroundTruth,
@@ -134,8 +133,6 @@ class SensorFrames:
 
 
 VEHICLE_STATE_PERIOD_NS = 20_000_000
-_ERROR_ID, _STATUS_ID = CAN_IDS[LateralError], CAN_IDS[SteeringStatus]
-_STATE_ID, _PATH_ID = CAN_IDS[VehicleState], CAN_IDS[PathAhead]
 _STANDARD_NORMAL = NormalDist()
 
 
@@ -209,13 +206,13 @@ class Sampling:
             error_m, heading_rad, yaw_rate_rad_s = with_noise(true, self._noise, self._uniforms)
         error = made.lateral_error(error_m, heading_rad, motion.is_finite)
         status = made.steering_status(wheel_rad, applied, code)
-        frames = [(_ERROR_ID, error), (_STATUS_ID, status)]
+        frames = [error, status]
         if time_ns >= self._state_timer.deadline_ns:  # also after a skipped sample
             self._state_timer.advance(time_ns)
             at_m, speed_m_s = motion.place
             state = made.vehicle_state(speed_m_s, yaw_rate_rad_s, curvature_1_m)
-            frames.append((_STATE_ID, state))
+            frames.append(state)
             if self._ahead_m is not None:
                 ahead_1_m = curvatures_ahead_1_m(motion.path, at_m, self._ahead_m)
-                frames.append((_PATH_ID, made.path_ahead(self._ahead_m, ahead_1_m)))
+                frames.append(made.path_ahead(self._ahead_m, ahead_1_m))
         self._uplink.push(frames, time_ns, motion_ns)

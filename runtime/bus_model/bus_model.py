@@ -21,6 +21,7 @@ It serves the emulated bus in real time, and virtual time.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -120,39 +121,37 @@ class BusModel:
         until_ns = self._ticks.whole_ns(self._free_ticks)
         return BusLoad(self._frames, busy_ns, self._refused, until_ns)
 
-    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
-        """Queue ``frame`` of ``sender``, ready to compete from ``now_ns`` on.
+    def submit(self, frames: Sequence[Frame], sender: int, now_ns: int) -> None:
+        """Queue ``frames`` of ``sender``, in order, ready to compete from ``now_ns`` on.
 
         Raises ValueError for a frame that cannot be sent, BusOverflowError for a full buffer unless
-        the bus is lossy.
+        the bus is lossy; those before it are queued.
         """
-        can_id, data, flags = frame
-        if not flags and len(data) == 8:  # most are
-            duration_ticks = bits_of_eight_bytes(can_id, data) * self._bit_ticks
-            arbitration = can_id << 21
-        else:
-            duration_ticks = self._ticks.of_frame(frame)
-            arbitration = arbitration_field(frame)
         if self._traffic is not None:
             self._release_before(now_ns, self._traffic)
-        now_ticks, queue = now_ns * self._per_ns, self._queue
+        now_ticks, queue, limit = now_ns * self._per_ns, self._queue, self._queue_limit
         if self._free_ticks < now_ticks:
             self._carry(now_ticks)
         if self.errors is not None and self.errors.is_off(sender, now_ticks):
-            self.lost_in_bus_off += 1
-        elif len(queue) < self._queue_limit or self._has_room(arbitration, sender):
-            self._submitted = number = self._submitted + 1
-            entry = arbitration, number, duration_ticks, sender, frame
-            heappush(queue, entry)
-            if queue[0] is entry and not self._completed:
-                self._look_ahead()
-        elif not self.is_lossy:
-            raise BusOverflowError(
-                f"sender {sender} has {self._queue_limit} frames of identifier 0x{can_id:03X} "
-                "waiting for the bus"
-            )
-        if self._traffic is not None:
-            self._look_ahead()
+            self.lost_in_bus_off += len(frames)
+            frames = ()
+        for frame in frames:
+            can_id, data, flags = frame
+            if not flags and len(data) == 8:  # most are
+                duration_ticks = bits_of_eight_bytes(can_id, data) * self._bit_ticks
+                arbitration = can_id << 21
+            else:
+                duration_ticks = self._ticks.of_frame(frame)
+                arbitration = arbitration_field(frame)
+            if len(queue) < limit or self._has_room(arbitration, sender):
+                self._submitted = number = self._submitted + 1
+                heappush(queue, (arbitration, number, duration_ticks, sender, frame))
+            elif not self.is_lossy:
+                raise BusOverflowError(
+                    f"sender {sender} has {limit} frames of identifier 0x{can_id:03X} "
+                    "waiting for the bus"
+                )
+        self._look_ahead()
 
     def is_off(self, sender: int, now_ns: int) -> bool:
         """Whether a sender is in bus-off; lets it take part again when that is over."""
@@ -177,7 +176,7 @@ class BusModel:
         else:
             end_ticks = self._free_ticks + queue[0][2]
             if self.errors is not None:
-                end_ticks, _ = self._end_in_noise(end_ticks, self.errors)
+                end_ticks, _ = self._end_in_noise(self._free_ticks, end_ticks, self.errors)
             self.next_event_ns = -(-end_ticks // self._per_ns)
 
     def _release_before(self, now_ns: int, traffic: RestBus) -> None:
@@ -204,24 +203,24 @@ class BusModel:
 
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
-        queue, errors = self._queue, self.errors
-        while self._free_ticks < now_ticks:
+        queue, errors, free_ticks = self._queue, self.errors, self._free_ticks
+        while free_ticks < now_ticks:
             if not queue:
-                self._idle_ticks += now_ticks - self._free_ticks
-                self._free_ticks = now_ticks
-                return
+                self._idle_ticks += now_ticks - free_ticks
+                free_ticks = now_ticks
+                break
             arbitration, number, duration_ticks, sender, frame = queue[0]
-            end_ticks, is_whole = self._free_ticks + duration_ticks, True
+            end_ticks, is_whole = free_ticks + duration_ticks, True
             if errors is not None:
-                end_ticks, is_whole = self._end_in_noise(end_ticks, errors)
+                end_ticks, is_whole = self._end_in_noise(free_ticks, end_ticks, errors)
             if sender < 0 and arbitration != _ON_WIRE:
                 self._traffic_waiting[arbitration, sender] -= 1
             if end_ticks > now_ticks:
                 if arbitration != _ON_WIRE:
                     queue[0] = (_ON_WIRE, number, duration_ticks, sender, frame)
-                return
+                break
             heappop(queue)
-            self._free_ticks = end_ticks + self._intermission_ticks
+            free_ticks = end_ticks + self._intermission_ticks
             end_ns = -(-end_ticks // self._per_ns)
             if is_whole:
                 self._frames += 1
@@ -236,14 +235,15 @@ class BusModel:
                     self._traffic_waiting[entry[0], sender] += 1
                 if errors.on_destroyed(sender, end_ticks, self._ticks):
                     self._withdraw(sender)
+        self._free_ticks = free_ticks
 
-    def _end_in_noise(self, end_ticks: int, errors: BusErrors) -> tuple[int, bool]:
+    def _end_in_noise(self, free_ticks: int, end_ticks: int, errors: BusErrors) -> tuple[int, bool]:
         """Return when the first of the queue leaves the bus, and whether it is whole by then."""
-        hit_ns = errors.next_hit_ns(-(-self._free_ticks // self._per_ns))
+        hit_ns = errors.next_hit_ns(-(-free_ticks // self._per_ns))
         hit_ticks = hit_ns * self._per_ns
         if hit_ticks >= end_ticks:
             return end_ticks, True
-        return error_end_ticks(self._free_ticks, hit_ticks, self._ticks), False
+        return error_end_ticks(free_ticks, hit_ticks, self._ticks), False
 
     def _withdraw(self, sender: int) -> None:
         """Take back every frame of a sender in bus-off."""

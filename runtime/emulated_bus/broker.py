@@ -70,7 +70,7 @@ class Channel:
             if frame is None:
                 return True
             try:
-                self.model.submit(frame, client.number, bus_ns)
+                self.model.submit((frame,), client.number, bus_ns)
             except ValueError as error:
                 raise ProtocolError(str(error)) from error
             client.waiting += 1

@@ -39,8 +39,8 @@ class Wire(Protocol):
         """When the next frame is complete [ns]; NEVER_NS with nothing on the way."""
         ...
 
-    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
-        """Take a frame to send at ``now_ns``."""
+    def submit(self, frames: Sequence[Frame], sender: int, now_ns: int) -> None:
+        """Take frames to send at ``now_ns``, in order."""
         ...
 
     def advance(self, now_ns: int) -> Sequence[Delivered]:
@@ -48,11 +48,29 @@ class Wire(Protocol):
         ...
 
 
+class InstantWire:
+    """A wire that takes no time: frames are complete at once, in order."""
+
+    def __init__(self) -> None:
+        self.next_event_ns = NEVER_NS
+        self._sent: list[Delivered] = []
+
+    def submit(self, frames: Sequence[Frame], sender: int, now_ns: int) -> None:
+        """Take frames to send at ``now_ns``, in order."""
+        self._sent += [(now_ns, sender, frame) for frame in frames]
+        self.next_event_ns = now_ns
+
+    def advance(self, now_ns: int) -> Sequence[Delivered]:  # noqa: ARG002 all are complete
+        """Return all frames submitted since the last call."""
+        completed, self._sent, self.next_event_ns = self._sent, [], NEVER_NS
+        return completed
+
+
 class VirtualTimeExecutor:
     """Runs ``nodes`` over ``bus``.
 
     ``nodes``    in the order in which they tick at one instant
-    ``bus``      the wire between them; without one, frames are complete at once, in order
+    ``bus``      the wire between them; an InstantWire unless given
     ``on_wire``  called as ``on_wire(time_ns, sender_index, frame)`` for every frame when it is
                  complete on the wire, before its delivery
     """
@@ -68,7 +86,7 @@ class VirtualTimeExecutor:
         self._receivers_of = {
             sender: everyone[:sender] + everyone[sender + 1 :] for sender, _ in everyone
         }
-        self._wire = bus
+        self._wire = InstantWire() if bus is None else bus
         self._on_wire = on_wire
         self._now_ns = min((node.deadline_ns for node in nodes), default=0)
 
@@ -90,42 +108,35 @@ class VirtualTimeExecutor:
         bus raises when it cannot take a frame.
         """
         wire, on_wire, nodes = self._wire, self._on_wire, tuple(enumerate(self._nodes))
+        receivers_of, has_finished = self._receivers_of, self.finished
         now_ns, events, busy_index = _BEFORE_ALL_NS, 0, 0
-        sent: list[Delivered] = []
-        """Frames on a wire that takes no time."""
         while events < EVENTS_PER_INSTANT_MAX:
-            next_ns = NEVER_NS if wire is None else wire.next_event_ns
-            if sent or next_ns <= now_ns:
-                completed, sent = sent if wire is None else wire.advance(now_ns), []
-                for end_ns, busy_index, frame in completed:
+            next_ns = wire.next_event_ns
+            if next_ns <= now_ns:
+                for end_ns, busy_index, frame in wire.advance(now_ns):
                     if on_wire is not None:
                         on_wire(end_ns, busy_index, frame)
-                    for index, node in self._receivers_of.get(busy_index, ()):
+                    for index, node in receivers_of.get(busy_index, ()):
                         events += 1
-                        for answer in node.on_frame(frame, now_ns):
-                            if wire is None:
-                                sent.append((now_ns, index, answer))
-                            else:
-                                wire.submit(answer, index, now_ns)
+                        if frames := node.on_frame(frame, now_ns):
+                            wire.submit(frames, index, now_ns)
+                        if node.finished:
+                            has_finished = True
                 continue
             for index, node in nodes:
                 deadline_ns = node.deadline_ns
                 if deadline_ns <= now_ns:
                     events, busy_index = events + 1, index
-                    for frame in node.on_tick(now_ns):
-                        if wire is None:
-                            sent.append((now_ns, index, frame))
-                        else:
-                            wire.submit(frame, index, now_ns)
+                    if frames := node.on_tick(now_ns):
+                        wire.submit(frames, index, now_ns)
+                    if node.finished:
+                        has_finished = True
                     break
                 if deadline_ns < next_ns:
                     next_ns = deadline_ns
             else:  # Nothing is left to do at this instant.
-                if next_ns >= until_ns:
+                if next_ns >= until_ns or has_finished:
                     return
-                for _, node in nodes:
-                    if node.finished:
-                        return
                 self._now_ns = now_ns = next_ns
                 events = 0
         raise RuntimeError(

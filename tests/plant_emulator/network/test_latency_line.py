@@ -140,7 +140,7 @@ def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
     network: dict[str, Any], frames: int
 ) -> None:
     stream = Counted(uniforms(1, Stream.UPLINK))
-    tested: LatencyLine[int] = LatencyLine(
+    tested: LatencyLine[tuple[int, int]] = LatencyLine(
         LatencySettings.model_validate(network), lambda _: stream
     )
     for number in range(frames):
@@ -149,7 +149,7 @@ def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
 
 
 def test_the_first_uniform_decides_the_loss_and_the_second_the_latency() -> None:
-    def a_line(*numbers: float) -> LatencyLine[int]:
+    def a_line(*numbers: float) -> LatencyLine[tuple[int, int]]:
         table: dict[str, Any] = {"model": "uniform", "mean_s": 0.1, "spread_s": 0.01, "loss": 0.5}
         return LatencyLine(LatencySettings.model_validate(table), lambda _: iter(numbers))
 
@@ -189,7 +189,9 @@ def test_an_overtaken_frame_at_the_head_does_not_keep_anybody_waiting() -> None:
     """What nobody will get is dropped at once, so it is no deadline."""
     stream = (u for number in count() for u in (0.5, 0.9 if number == 0 else 0.1))
     table: dict[str, Any] = {"model": "uniform", "mean_s": 0.05, "spread_s": 0.02}
-    tested: LatencyLine[int] = LatencyLine(LatencySettings.model_validate(table), lambda _: stream)
+    tested: LatencyLine[tuple[int, int]] = LatencyLine(
+        LatencySettings.model_validate(table), lambda _: stream
+    )
     tested.push([(0, 0)], 0, 0)
     tested.push([(0, 1)], 1, 1)
     (popped,) = tested.pop_due(tested.next_due_ns)
@@ -204,7 +206,7 @@ def test_a_constant_latency_leaves_draws_and_order_as_they_are(
     mean_s: float, order: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def leave(numbers: int) -> list[Any]:
-        uplink: LatencyLine[int] = LatencyLine(
+        uplink: LatencyLine[tuple[int, int]] = LatencyLine(
             LatencySettings.model_validate({"mean_s": mean_s, "order": order}),
             partial(uniforms, 5, Stream.UPLINK, None),
         )

@@ -49,7 +49,7 @@ ERROR_BITS = 12 + 8
 def test_an_error_frame_follows_the_wrong_bit(frame: Frame) -> None:
     for index in range(sum(frame_bits(frame))):
         bus = BusModel(BITRATE_BIT_S, errors=errors_at(middle_of(index)))
-        bus.submit(frame, 0, 0)
+        bus.submit([frame], 0, 0)
         end_bits = index + 1 + ERROR_BITS
         repeated_ns = (end_bits + 3 + sum(frame_bits(frame))) * BIT_NS
         assert until_idle(bus) == ([(repeated_ns, frame)], [end_bits * BIT_NS])
@@ -59,15 +59,15 @@ def test_an_error_in_the_data_phase_ends_within_a_nominal_bit() -> None:
     frame = Frame(0x555, bytes(12), FD | BITRATE_SWITCH)
     hit_ns = middle_of(25)
     bus = BusModel(BITRATE_BIT_S, 2_000_000, errors=errors_at(hit_ns))
-    bus.submit(frame, 0, 0)
+    bus.submit([frame], 0, 0)
     _, (end_ns,) = until_idle(bus)
     assert 0 <= end_ns - hit_ns - ERROR_BITS * BIT_NS <= BIT_NS
 
 
 def test_a_more_urgent_frame_goes_before_the_repetition() -> None:
     bus, urgent = BusModel(BITRATE_BIT_S, errors=errors_at(middle_of(1))), Frame(0x001, b"")
-    bus.submit(FRAME, 0, 0)
-    bus.submit(urgent, 1, 10 * BIT_NS)
+    bus.submit([FRAME], 0, 0)
+    bus.submit([urgent], 1, 10 * BIT_NS)
     assert [frame for _, frame in until_idle(bus)[0]] == [urgent, FRAME]
     # The load has the error frame in whole, though a frame was submitted within it.
     bits = 2 + ERROR_BITS + sum(frame_bits(urgent)) + sum(frame_bits(FRAME)) + 3 * 3
@@ -77,7 +77,7 @@ def test_a_more_urgent_frame_goes_before_the_repetition() -> None:
 def test_a_repetition_goes_before_a_later_frame_of_its_identifier() -> None:
     bus, later = BusModel(BITRATE_BIT_S, errors=errors_at(middle_of(5))), Frame(0x100, b"later")
     for frame in (FRAME, later):
-        bus.submit(frame, 0, 0)
+        bus.submit([frame], 0, 0)
     assert [frame for _, frame in until_idle(bus)[0]] == [FRAME, later]
 
 
@@ -88,7 +88,7 @@ def test_noise_just_before_a_frame_leaves_it_alone() -> None:
     assert start_ns % 1
     bus = BusModel(700_000, errors=errors_at(int(start_ns)))
     for _ in range(2):
-        bus.submit(FRAME, 0, 0)
+        bus.submit([FRAME], 0, 0)
     whole, destroyed = until_idle(bus)
     assert (len(whole), destroyed) == (2, [])
 
@@ -96,15 +96,15 @@ def test_noise_just_before_a_frame_leaves_it_alone() -> None:
 def test_bus_off_loses_the_frames_and_ends_after_its_time() -> None:
     always = errors_at(*range(middle_of(0), 20_000 * BIT_NS, BIT_NS))
     bus = BusModel(BITRATE_BIT_S, errors=always)
-    bus.submit(FRAME, 0, 0)
+    bus.submit([FRAME], 0, 0)
     whole, ends_ns = until_idle(bus)
     assert whole == []
     assert len(ends_ns) == 32  # of 8 each
     off_ns = ends_ns[-1]
-    bus.submit(FRAME, 0, off_ns + 128 * 11 * BIT_NS - 1)
+    bus.submit([FRAME], 0, off_ns + 128 * 11 * BIT_NS - 1)
     assert bus.lost_in_bus_off == 2
     assert bus.next_event_ns == NEVER_NS
-    bus.submit(FRAME, 0, off_ns + 128 * 11 * BIT_NS)
+    bus.submit([FRAME], 0, off_ns + 128 * 11 * BIT_NS)
     assert bus.next_event_ns < NEVER_NS
 
 

@@ -39,7 +39,7 @@ def sent_ids(deliveries: list[Delivered]) -> list[int]:
 
 def test_a_frame_is_complete_after_its_own_bits() -> None:
     bus = BusModel(500_000)
-    bus.submit(standard, sender=3, now_ns=1000)
+    bus.submit([standard], sender=3, now_ns=1000)
     end_ns = 1000 + on_wire_ns(standard)
     assert bus.next_event_ns == end_ns
     assert bus.advance(end_ns - 1) == []
@@ -50,21 +50,21 @@ def test_a_frame_is_complete_after_its_own_bits() -> None:
 
 def test_a_frame_on_the_wire_is_not_interrupted() -> None:
     bus = BusModel(500_000)
-    bus.submit(classic(0x700), 0, 0)
-    bus.submit(classic(0x600), 0, 1)
-    bus.submit(classic(0x001), 1, 2)
+    bus.submit([classic(0x700)], 0, 0)
+    bus.submit([classic(0x600)], 0, 1)
+    bus.submit([classic(0x001)], 1, 2)
     assert sent_ids(drain(bus)) == [0x700, 0x001, 0x600]
 
 
 def test_a_frame_submitted_when_the_bus_becomes_free_still_competes() -> None:
     bus = BusModel(500_000)
-    bus.submit(classic(0x100), 0, 0)
-    bus.submit(classic(0x300), 0, 0)
+    bus.submit([classic(0x100)], 0, 0)
+    bus.submit([classic(0x300)], 0, 0)
     (first,) = bus.advance(bus.next_event_ns)
     expected_ns = bus.next_event_ns
     free_ns = first[0] + 3 * BIT_NS
     assert expected_ns == free_ns + on_wire_ns(classic(0x300))
-    bus.submit(classic(0x200), 1, free_ns)
+    bus.submit([classic(0x200)], 1, free_ns)
     assert bus.next_event_ns == free_ns + on_wire_ns(classic(0x200))
     assert sent_ids(drain(bus)) == [0x200, 0x300]
 
@@ -85,8 +85,8 @@ def test_a_frame_submitted_when_the_bus_becomes_free_still_competes() -> None:
 def test_the_dominant_arbitration_field_wins(winner: Frame, loser: Frame) -> None:
     assert arbitration_field(winner) < arbitration_field(loser)
     bus = BusModel(500_000)
-    bus.submit(loser, 0, 0)
-    bus.submit(winner, 1, 0)
+    bus.submit([loser], 0, 0)
+    bus.submit([winner], 1, 0)
     assert [frame for _, _, frame in drain(bus)] == [winner, loser]
 
 
@@ -94,10 +94,10 @@ def test_the_payload_goes_at_the_data_rate_with_bitrate_switch() -> None:
     frame = Frame(0x100, bytes(64), FD | BITRATE_SWITCH)
     bits = frame_bits(frame)
     bus = BusModel(500_000, data_bitrate_bit_s=2_000_000)
-    bus.submit(frame, 0, 0)
+    bus.submit([frame], 0, 0)
     assert bus.next_event_ns == bits.nominal * 2_000 + bits.data * 500
     slow = BusModel(500_000)
-    slow.submit(frame, 0, 0)
+    slow.submit([frame], 0, 0)
     assert slow.next_event_ns == (bits.nominal + bits.data) * 2_000
 
 
@@ -106,7 +106,7 @@ def test_frames_back_to_back_do_not_add_up_rounding() -> None:
     bus = BusModel(83_333)
     bits = 0
     for number in range(1000):
-        bus.submit(Frame(0x100, number.to_bytes(8, "big")), 0, 0)
+        bus.submit([Frame(0x100, number.to_bytes(8, "big"))], 0, 0)
     for number, (end_ns, _, _) in enumerate(drain(bus)):
         bits += frame_bits(Frame(0x100, number.to_bytes(8, "big"))).nominal
         assert end_ns == -(-bits * 1_000_000_000 // 83_333)
@@ -115,15 +115,15 @@ def test_frames_back_to_back_do_not_add_up_rounding() -> None:
 
 def test_a_full_queue_refuses_only_its_own_sender() -> None:
     bus = BusModel(500_000, queue_limit=2)
-    bus.submit(classic(1), 0, 0)
-    bus.submit(classic(3), 0, 1)  # the first one is on the wire now
-    bus.submit(classic(3), 0, 1)
+    bus.submit([classic(1)], 0, 0)
+    bus.submit([classic(3)], 0, 1)  # the first one is on the wire now
+    bus.submit([classic(3)], 0, 1)
     with pytest.raises(
         BusOverflowError, match="sender 0 has 2 frames of identifier 0x003 waiting for the bus"
     ):
-        bus.submit(classic(3), 0, 1)
-    bus.submit(classic(3), 1, 1)
-    bus.submit(classic(2), 0, 1)  # in a transmit buffer of its own
+        bus.submit([classic(3)], 0, 1)
+    bus.submit([classic(3)], 1, 1)
+    bus.submit([classic(2)], 0, 1)  # in a transmit buffer of its own
     assert sent_ids(drain(bus)) == [1, 2, 3, 3, 3]
     assert bus.load.refused == 1
 
@@ -131,8 +131,8 @@ def test_a_full_queue_refuses_only_its_own_sender() -> None:
 def test_the_load_counts_frames_and_their_time() -> None:
     bus = BusModel(500_000)
     assert bus.load == BusLoad(frames=0, busy_ns=0, refused=0, until_ns=0)
-    bus.submit(classic(1), 0, 0)
-    bus.submit(classic(2), 0, 0)
+    bus.submit([classic(1)], 0, 0)
+    bus.submit([classic(2)], 0, 0)
     drain(bus)
     busy_ns = on_wire_ns(classic(1)) + on_wire_ns(classic(2)) + 6 * BIT_NS
     assert bus.load == BusLoad(frames=2, busy_ns=busy_ns, refused=0, until_ns=busy_ns)
@@ -141,7 +141,7 @@ def test_the_load_counts_frames_and_their_time() -> None:
 def test_what_is_not_a_frame_is_refused_and_leaves_the_bus_as_it_was() -> None:
     bus = BusModel(500_000)
     with pytest.raises(ValueError, match="not a frame"):
-        bus.submit(Frame(4, bytes(8), ERROR), 0, 0)
+        bus.submit([Frame(4, bytes(8), ERROR)], 0, 0)
     assert bus.next_event_ns == NEVER_NS
 
 
@@ -167,7 +167,7 @@ def test_every_frame_arrives_once_in_order_and_never_two_at_a_time(
         now_ns += gap_ns
         frame = Frame(can_id, bytes([sender, number]))
         submitted_ns[frame] = now_ns
-        bus.submit(frame, sender, now_ns)
+        bus.submit([frame], sender, now_ns)
     deliveries = bus.advance(now_ns + 10**9)
 
     assert sorted(frame for _, _, frame in deliveries) == sorted(submitted_ns)
@@ -194,7 +194,7 @@ def test_looking_at_the_bus_in_between_changes_nothing(
             seen += watched.advance(now_ns + step_ns)
             assert watched.next_event_ns > now_ns + step_ns
         now_ns += gap_ns
-        watched.submit(classic(can_id), sender, now_ns)
-        left_alone.submit(classic(can_id), sender, now_ns)
+        watched.submit([classic(can_id)], sender, now_ns)
+        left_alone.submit([classic(can_id)], sender, now_ns)
     end_ns = now_ns + 10**9
     assert seen + watched.advance(end_ns) == left_alone.advance(end_ns)

@@ -62,7 +62,7 @@ def drive(
                 returned(*delivery)
         if at_ns <= END_NS:
             with suppress(BusOverflowError):
-                bus.submit(frames[turns[frames] % len(frames)], sender, at_ns)
+                bus.submit([frames[turns[frames] % len(frames)]], sender, at_ns)
                 turns[frames] += 1
     for delivery in bus.advance(END_NS + 1):
         returned(*delivery)

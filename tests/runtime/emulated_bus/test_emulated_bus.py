@@ -70,7 +70,7 @@ def test_frames_go_out_by_identifier_and_take_their_exact_time(
 
     model = BusModel(500_000)
     for frame in sent:
-        model.submit(frame, 0, 0)
+        model.submit([frame], 0, 0)
     expected = model.advance(1_000_000_000)
     assert [seen.arbitration_id for seen in received] == [frame.can_id for _, _, frame in expected]
     for seen, done in zip(received, expected, strict=True):

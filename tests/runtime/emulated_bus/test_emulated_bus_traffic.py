@@ -47,7 +47,7 @@ def in_virtual_time(arrivals: Sequence[Arrival]) -> Seen:
     seen: Seen = []
     for time_ns, sender, frame in arrivals:
         seen += bus.advance(time_ns)
-        bus.submit(frame, sender, time_ns)
+        bus.submit([frame], sender, time_ns)
     while bus.next_event_ns < NEVER_NS:
         seen += bus.advance(bus.next_event_ns)
     return seen

@@ -22,13 +22,13 @@ class Leaving(NamedTuple):
     left_ns: int
 
 
-def line(seed: int = 1, **table: Any) -> LatencyLine[int]:
+def line(seed: int = 1, **table: Any) -> LatencyLine[tuple[int, int]]:
     stream = partial(uniforms, seed, Stream.UPLINK, None)
     return LatencyLine(LatencySettings.model_validate(table), stream)
 
 
 def run(
-    tested: LatencyLine[int], frames: int, keys: int = 1, period_ns: int = PERIOD_NS
+    tested: LatencyLine[tuple[int, int]], frames: int, keys: int = 1, period_ns: int = PERIOD_NS
 ) -> list[Leaving]:
     """Push frames of all keys in turn, pop whenever something is due, until the line is empty."""
     left: list[Leaving] = []
@@ -43,7 +43,7 @@ def run(
 
 
 def pop_until(
-    tested: LatencyLine[int], until_ns: int, came: dict[int, int], left: list[Leaving]
+    tested: LatencyLine[tuple[int, int]], until_ns: int, came: dict[int, int], left: list[Leaving]
 ) -> None:
     while tested.next_due_ns <= until_ns:
         now_ns = tested.next_due_ns
@@ -57,7 +57,7 @@ def pop_until(
     assert tested.pop_due(until_ns) == []
 
 
-def injected_ns(tested: LatencyLine[int], frames: int) -> list[int]:
+def injected_ns(tested: LatencyLine[tuple[int, int]], frames: int) -> list[int]:
     """The latency drawn for each frame, lost ones not counted."""
     drawn = []
     for number in range(frames):

@@ -73,13 +73,13 @@ class HeldUpWire:
         self._sent: list[Delivered] = []
         self.next_event_ns = NEVER_NS
 
-    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
+    def submit(self, frames: Sequence[Frame], sender: int, now_ns: int) -> None:
         if self._first_ns <= now_ns < self._end_ns:
-            self._kept[sender] += 1
-            if self._kept[sender] > TRANSMIT_BUFFER:
-                return
+            room = TRANSMIT_BUFFER - self._kept[sender]
+            self._kept[sender] += len(frames)
+            frames = frames[: max(room, 0)]
         self.next_event_ns = self._end_ns if self._first_ns <= now_ns < self._end_ns else now_ns
-        self._sent.append((now_ns, sender, frame))
+        self._sent += [(now_ns, sender, frame) for frame in frames]
 
     def advance(self, now_ns: int) -> list[Delivered]:  # noqa: ARG002 all are complete
         completed, self._sent, self.next_event_ns = self._sent, [], NEVER_NS
