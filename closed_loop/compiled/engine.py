@@ -7,6 +7,7 @@ which. In virtual time the nodes would go on.
 """
 
 import math
+from collections.abc import Iterator
 from enum import StrEnum
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,9 +17,12 @@ import numpy as np
 from ...controller.limits.designed_ranges import share_of_demand
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import LawNumber, Mode
+from ...plant_emulator.path.corridor import Lane, beyond_lane_m
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import design_guard
+from ...plant_emulator.vehicle.car.axle_use import AxleUse, axle_use
 from ...plant_emulator.vehicle.car.car_motion import CarMotionParams
+from ...plant_emulator.vehicle.car.car_step import CarParams, CarState
 from ...plant_emulator.vehicle.moving_vehicle import AnyMotionParams
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
@@ -40,6 +44,7 @@ from .loop_records import (
     SPEED,
     STATE_SAMPLE,
     TICK_SAMPLE,
+    TYRES,
     WHEEL,
     YAW_RATE,
     Constants,
@@ -91,7 +96,8 @@ class CompiledRun(NamedTuple):
     (ticks,) or (ticks, 4): ``tick_s``, in seconds of the run, ``sent_rad`` and ``law_output`` in
     the order of ``controller.laws.LawOutput``. ``command`` is the index in the schedule of the
     command in effect, -1 before the first. ``played_rad`` is what a plan of the law lets act from a
-    sample on, NaN where none does; None for a law that does not plan.
+    sample on, NaN where none does; None for a law that does not plan. ``tyres`` has a row for each
+    of ``car_motion.Tyres``; a linear vehicle has none.
     """
 
     outcome: Outcome
@@ -103,6 +109,7 @@ class CompiledRun(NamedTuple):
     curvature_1_m: FloatArray
     arc_length_m: FloatArray
     speed_m_s: FloatArray
+    tyres: FloatArray
     command: IntArray
     tick_s: FloatArray
     sent_rad: FloatArray
@@ -126,6 +133,23 @@ class CompiledRun(NamedTuple):
             return self.lateral_error_m
         columns = (self.arc_length_m, self.heading_error_rad, self.lateral_error_m)
         return cg_deviations_m(self.motion.path, *columns, behind_m)
+
+    def beyond_lane_m(self, lane: Lane) -> FloatArray:
+        """Return how far the farthest corner was beyond an edge of the lane at every sample."""
+        preview_m = self.motion.preview_distance_m
+        rear_m = self.deviation_m(preview_m + lane.rear_m)
+        at = self.heading_error_rad, self.lateral_error_m, self.curvature_1_m
+        return np.asarray(beyond_lane_m(lane, preview_m, *at, rear_m))
+
+    def axle_uses(self) -> Iterator[AxleUse]:
+        """Yield what the axles of the built-in car give, sample by sample; nothing of another."""
+        if not isinstance(self.motion, CarMotionParams) or type(self.motion.car) is not CarParams:
+            return
+        for speed_m_s, *tyres in zip(self.speed_m_s, *self.tyres, strict=True):
+            front_slip, rear_slip, along_m_s2, demand_m_s2, friction = tyres
+            slips = front_slip, rear_slip, along_m_s2
+            car = CarState(speed_m_s, 0.0, 0.0, *slips, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            yield axle_use(self.motion.car, car, demand_m_s2, friction)
 
     @property
     def command_rad(self) -> FloatArray:
@@ -208,7 +232,10 @@ def _run_whole(
     inbox = inbox_of(plant, controller, schedule) if design.reads_history else None
     instants, received = schedule.instants, schedule.measurements
     records = empty_records(
-        len(instants.sample_ns), instants.ticks.shape[1], has_dead_time=motion.dead_time_ns > 0
+        len(instants.sample_ns),
+        instants.ticks.shape[1],
+        has_dead_time=motion.dead_time_ns > 0,
+        is_car=plant.car is not None,
     )
     if knows_status:
         instants = instants._replace(in_use=received.status_in_use)
@@ -381,6 +408,7 @@ def _collected(
         curvature_1_m=of_samples[CURVATURE],
         arc_length_m=of_samples[ARC_LENGTH],
         speed_m_s=of_samples[SPEED],
+        tyres=of_samples[TYRES:],
         command=r.command[window],
         tick_s=schedule.tick_s[steered],
         sent_rad=r.ticks[SENT, steered],

@@ -108,6 +108,7 @@ from .step_functions import (
     chosen_by_type,
     command_motion,
     place_of,
+    record_tyres,
     register,
     start_motion,
 )
@@ -314,6 +315,7 @@ def _take_sample(
     r.samples[CURVATURE, at] = curvature_1_m
     arc_length_m, speed_m_s = place_of(p, z)
     r.samples[ARC_LENGTH, at], r.samples[SPEED, at] = arc_length_m, speed_m_s
+    record_tyres(p, z, r.samples, at)
     r.command[at] = in_effect
     reading_m = error_m + s.noise_m[at]
     if inbox is not None:

@@ -74,6 +74,7 @@ class Instants(NamedTuple):
 WAITING = 4096
 """A power of two; more than the commands and plan values of a second."""
 ERROR, HEADING, YAW_RATE, WHEEL, CURVATURE, ARC_LENGTH, SPEED, MEASURED, OVERRULED = range(9)
+TYRES = 9
 SENT, LAW_OUTPUT = 0, 1
 
 
@@ -89,7 +90,8 @@ class Records(NamedTuple):
 
     ``samples``     (9, samples), SI, from ERROR to the measured error as on the wire and OVERRULED:
                     the wheel angle as on the wire where the steering overrules, else NaN; it is
-                    written only where ``Instants.in_use`` has a status
+                    written only where ``Instants.in_use`` has a status. Of a car five more, from
+                    TYRES on: ``car_motion.Tyres``
     ``command``     index into the schedule's commands of the one in effect at each sample, -1
                     before the first
     ``ticks``       (5, ticks): the command sent, and from row LAW_OUTPUT on ``LawOutput``
@@ -102,9 +104,9 @@ class Records(NamedTuple):
     waiting: Waiting | None
 
 
-def empty_records(samples: int, ticks: int, *, has_dead_time: bool) -> Records:
+def empty_records(samples: int, ticks: int, *, has_dead_time: bool, is_car: bool) -> Records:
     """Return empty records: errors and commands are NaN at first, the others uninitialised."""
-    of_samples, of_ticks = np.empty((9, samples)), np.empty((5, ticks))
+    of_samples, of_ticks = np.empty((TYRES + 5 * is_car, samples)), np.empty((5, ticks))
     of_samples[ERROR] = of_samples[OVERRULED] = of_ticks[SENT] = np.nan
     waiting = Waiting(np.empty(WAITING, np.int64), np.empty(WAITING)) if has_dead_time else None
     return Records(of_samples, np.empty(samples, np.int64), of_ticks, waiting)

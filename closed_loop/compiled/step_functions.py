@@ -34,6 +34,7 @@ from ...controller.prediction.vehicle_kalman_filter import (
 )
 from ...dbc.messages import LawNumber
 from ...plant_emulator.vehicle.car.car_choice import BUILT_IN, CARS, drive_step, start_of_own
+from ...plant_emulator.vehicle.car.car_motion import CarMotionParams, tyres_of_car
 from ...plant_emulator.vehicle.car.steering_choice import (
     STEERINGS,
     steering_at_rest,
@@ -43,6 +44,7 @@ from ...plant_emulator.vehicle.motion_choice import MOTIONS
 from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import SettingsError
 from .inlined_functions import INLINE
+from .loop_records import TYRES
 from .memory import at, layout_of, on_stack, read, rows_by_address
 
 _AROUND: dict[type, Callable[..., Any]] = {
@@ -93,6 +95,22 @@ place_of = chosen_by_type(lambda kind: MOTIONS[kind].place)
 """(params, ...): as in ``vehicle.motion_choice.MotionSteps``."""
 
 
+def _record_tyres(p: Any, z: Any, samples: Any, at: Any) -> None:
+    tyres = tyres_of_car(p, z)
+    for row in range(5):
+        samples[TYRES + row, at] = tyres[row]
+
+
+def _record_nothing(_p: Any, _z: Any, _samples: Any, _at: Any) -> None:
+    pass
+
+
+record_tyres = chosen_by_type(
+    lambda kind: _record_tyres if kind is CarMotionParams else _record_nothing
+)
+"""(params, state, samples, at): into the record of the samples."""
+
+
 def _braking(brake: Callable[[Any, float], Any]) -> Callable[[Any, Any, float], Any]:
     return lambda _params, state, brake_m_s2: brake(state, brake_m_s2)
 
@@ -135,7 +153,7 @@ def step_functions() -> tuple[Callable[..., Any], ...]:
         for function in (each.start, each.command, each.brake, each.advance, each.place)
     ]
     motions += [step for step, _ in STEERINGS.values()]
-    motions += [BUILT_IN.step, BUILT_IN.start]
+    motions += [BUILT_IN.step, BUILT_IN.start, tyres_of_car]
     reached = _reached((*motions, *around, *laws, *plans))
     return tuple(function for function in reached if function not in _CHOSEN)
 

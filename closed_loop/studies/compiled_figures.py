@@ -17,7 +17,6 @@ follows.
 """
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +31,7 @@ from ...plant_emulator.evaluation.error_windows import (
 )
 from ...plant_emulator.evaluation.held_figures import NOTHING_HELD, HeldRules, held_step
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, Peaks, RunEnd, Verdict, VerdictRules
-from ...plant_emulator.path.corridor import BETWEEN, beyond_lane_m, corridor_of, outside_at
+from ...plant_emulator.path.corridor import BETWEEN, corridor_of, outside_at
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
@@ -92,6 +91,8 @@ class Figures(NamedTuple):
     """Of a car's body beyond an edge of its lane; NaN for a linear vehicle."""
     sensor_noise_m: float
     """Its standard deviation on the lateral error."""
+    grip_used_s: float
+    """When an axle of a car that left its lane later had first used up its grip; NaN: none had."""
     fault_s: float
     """When a fault first changed a frame; this and the next two only of runs over a bus."""
     reported_s: float
@@ -121,6 +122,17 @@ class LatencyFigures(NamedTuple):
 NO_LATENCY = LatencyFigures(math.nan, math.nan)
 
 
+class BodyFigures(NamedTuple):
+    """Of the body: as in ``Figures``."""
+
+    outside_m: float = math.nan
+    beyond_lane_m: float = math.nan
+    grip_used_s: float = math.nan
+
+
+NO_BODY = BodyFigures()
+
+
 class FigureRules(NamedTuple):
     """The rules by which the figures are computed."""
 
@@ -145,19 +157,18 @@ def figures_of(
     wheel_rad: RealArray,
     sent_rad: RealArray,
     latency: LatencyFigures = NO_LATENCY,
-    body_m: tuple[float, float] = (math.nan, math.nan),
+    body: BodyFigures = NO_BODY,
 ) -> Figures:
     """Return the figures of one run.
 
     ``judged_m``  error of the judged point, as all others one per sensor period
     ``sent_rad``  one command per control period
-    ``body_m``    ``outside_m`` and ``beyond_lane_m``
     """
     nan = math.nan
     if not len(time_s):
         blank = Figures(*[nan] * len(Figures._fields))
         return blank._replace(
-            latency_mean_s=latency.mean_s, latency_p99_s=latency.p99_s, outside_m=body_m[0]
+            latency_mean_s=latency.mean_s, latency_p99_s=latency.p99_s, outside_m=body.outside_m
         )
     moved = lateral_error_m, cg_deviation_m, judged_m, wheel_rad
     held, windows, effort = _moved_figures(rules, *moved, sent_rad)
@@ -168,8 +179,8 @@ def figures_of(
             *(float(time_s[-1]), held.rms_m, held.peak_m, held.final_m, settling_s),
             *(*windows, *effort, held.preview_rms_m, held.preview_peak_m, *latency),
             *(held.settled_rms_m, held.settled_preview_rms_m, held.judged_peak_m),
-            *(held.settled_peak_m if held.settled else nan, *body_m),
-            *(rules.sensor_noise_m, nan, nan, nan),
+            *(held.settled_peak_m if held.settled else nan, body.outside_m, body.beyond_lane_m),
+            *(rules.sensor_noise_m, body.grip_used_s, nan, nan, nan),
         )
     )
 
@@ -264,25 +275,6 @@ def farthest_outside_m(
     path = build_path(plant.path)
     found = (outside_at(corridor, path, *row, preview_m) for row in zip(*columns, strict=True))
     return max(found, default=BETWEEN).outside_m
-
-
-def farthest_beyond_lane_m(
-    plant: PlantSettings,
-    heading_rad: FloatArray,
-    error_m: FloatArray,
-    curvature_1_m: FloatArray,
-    deviation_m: Callable[[float], FloatArray],
-) -> float:
-    """Return how far a car's body was beyond an edge of its lane; NaN for a linear vehicle.
-
-    ``deviation_m``  of the point that lies so far behind the preview point, one a sample
-    """
-    if plant.car is None or not len(error_m):
-        return math.nan
-    lane, preview_m = plant.car.lane, plant.vehicle.preview_distance_m
-    rear_m = deviation_m(preview_m + lane.rear_m)
-    at = preview_m, heading_rad, error_m, curvature_1_m
-    return float(np.max(beyond_lane_m(lane, *at, rear_m)))
 
 
 def short_windows(rules: VerdictRules, duration_s: float) -> str:

@@ -5,6 +5,7 @@ one network; controllers, vehicles and paths are cached where they are made. Eac
 compiled loop and the compiled figures only, which need no lock.
 """
 
+import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from threading import Lock
@@ -13,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.settings import ControllerSettings
-from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, RunEnd, Verdict, end_of
+from ...plant_emulator.evaluation.grip_used import GripWatch, grip_step
+from ...plant_emulator.evaluation.run_verdict import RANGE_M, RUN_ENDS, RunEnd, Verdict, end_of
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import SettingsError
@@ -23,10 +25,10 @@ from ..pair.agreed_period import with_period_of
 from .compiled_figures import (
     COLUMNS,
     COUNTS,
+    BodyFigures,
     FigureRules,
     Figures,
     LatencyFigures,
-    farthest_beyond_lane_m,
     farthest_outside_m,
     figures_of,
     latency_figures,
@@ -49,10 +51,15 @@ _ENDS = {
 
 def verdict_on(plant: PlantSettings, controller: ControllerSettings, run: CompiledRun) -> Verdict:
     """Return the verdict on a compiled run, by the thresholds of its plant."""
-    rules = rules_of(plant.verdict, plant, controller)
-    figures = _figures(plant, rules, run, latency_figures(run.downlink_latency_s))
+    figures = figures_on(plant, controller, run)
     end = end_of(_ENDS[run.outcome], figures.duration_s)
     return verdict_of(plant.verdict, end, np.array(figures))
+
+
+def figures_on(plant: PlantSettings, controller: ControllerSettings, run: CompiledRun) -> Figures:
+    """Return the figures of a compiled run, by the rules of its plant."""
+    rules = rules_of(plant.verdict, plant, controller)
+    return _figures(plant, rules, run, latency_figures(run.downlink_latency_s))
 
 
 def _figures(
@@ -63,11 +70,22 @@ def _figures(
     judged_m = cg_m if is_car else run.deviation_m(behind_m)
     moved = run.time_s, run.lateral_error_m, cg_m, judged_m, run.wheel_angle_rad
     at = run.arc_length_m, run.heading_error_rad, run.lateral_error_m
-    _, heading_rad, error_m = at
-    bends = heading_rad, error_m, run.curvature_1_m
-    beyond_m = farthest_beyond_lane_m(plant, *bends, run.deviation_m)
-    body_m = farthest_outside_m(plant, *at), beyond_m
-    return figures_of(rules, *moved, run.sent_rad, latency, body_m)
+    body = BodyFigures(farthest_outside_m(plant, *at))
+    if plant.car is not None and len(run.time_s):
+        beyond_m = run.beyond_lane_m(plant.car.lane)
+        farthest_m = float(np.max(beyond_m))
+        used_s = math.nan if farthest_m <= 0.0 else _grip_used_s(run, beyond_m)
+        body = BodyFigures(body.outside_m, farthest_m, used_s)
+    return figures_of(rules, *moved, run.sent_rad, latency, body)
+
+
+def _grip_used_s(run: CompiledRun, beyond_m: FloatArray) -> float:
+    """Return it as in ``Figures``, of a car that has left its lane."""
+    grip = GripWatch()
+    for time_s, use, off_m in zip(run.time_s, run.axle_uses(), beyond_m, strict=False):
+        grip = grip_step(grip, time_s, use.front_grip_used, use.rear_grip_used, off_m)
+    has_left_path = run.outcome is Outcome.LEFT_RANGE and abs(run.lateral_error_m[-1]) < RANGE_M
+    return grip.of_run(run.time_s[-1] if has_left_path else math.nan).first_s
 
 
 class Computed(NamedTuple):

@@ -6,7 +6,6 @@ may be a program in lockstep: its commands are known from the bus.
 """
 
 from collections.abc import Iterable, Mapping
-from functools import partial
 from itertools import repeat
 from math import nan
 from typing import Any, NamedTuple
@@ -20,7 +19,7 @@ from ...dbc.messages import Freshness, Mode, SafetyState, SteeringStatusCode
 from ...plant_emulator.evaluation.run_verdict import RANGE_M, RunEnd, VerdictRules
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.path.cg_deviation import cg_deviation_m
-from ...plant_emulator.path.path import Path, curvature
+from ...plant_emulator.path.path import Path
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.frame import Frame
@@ -31,9 +30,9 @@ from ..pair.virtual_bus import shared_bus
 from ..pair.virtual_pair import pair_with
 from .compiled_figures import (
     COUNTS,
+    BodyFigures,
     FigureRules,
     Figures,
-    farthest_beyond_lane_m,
     farthest_outside_m,
     figures_of,
     latency_figures,
@@ -153,7 +152,14 @@ def run_on_nodes(pair: Pair, rules: VerdictRules, row: FloatArray) -> RunEnd:
     else:
         sent_rad = np.array(sent_on_bus_rad)
     run_rules = rules_of(rules, pair.plant, pair.controller)
-    figures = figures_of_trace(run_rules, pair.plant, plant.path, trace, samples, sent_rad)
+    beyond_m, grip = report["beyond_lane_m"], report["grip_used"]
+    at = trace.arc_length_m, trace.heading_error_rad, trace.lateral_error_m
+    body = BodyFigures(
+        farthest_outside_m(pair.plant, *(column[:samples] for column in at)),
+        nan if beyond_m is None else beyond_m,
+        nan if grip is None else grip["from_s"],
+    )
+    figures = figures_of_trace(run_rules, pair.plant, plant.path, trace, samples, sent_rad, body)
     row[: len(figures)] = figures._replace(**reactions._asdict())
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
@@ -185,16 +191,13 @@ def figures_of_trace(
     trace: Trace,
     samples: int,
     sent_rad: FloatArray,
+    body: BodyFigures,
 ) -> Figures:
     """Return the figures of the first samples of a trace; ``sent_rad`` one a control period."""
-    at = trace.arc_length_m, trace.heading_error_rad, trace.lateral_error_m
     known = {0.0: trace.lateral_error_m, plant.vehicle.preview_distance_m: trace.cg_deviation_m}
     judged_m = known.get(rules.behind_preview_m)
     if judged_m is None:
         judged_m = _deviation_m(path, trace, rules.behind_preview_m)
-    rho = np.array([curvature(path, at_m) for at_m in trace.arc_length_m.tolist()])
-    bends = trace.heading_error_rad, trace.lateral_error_m, rho
-    beyond_m = farthest_beyond_lane_m(plant, *bends, partial(_deviation_m, path, trace))
     return figures_of(
         rules,
         np.ascontiguousarray(trace.time_s[:samples]),
@@ -204,7 +207,7 @@ def figures_of_trace(
         np.ascontiguousarray(trace.wheel_angle_rad[:samples]),
         sent_rad,
         latency_figures(trace.downlink_latency_s[:samples]),
-        (farthest_outside_m(plant, *(column[:samples] for column in at)), beyond_m),
+        body,
     )
 
 

@@ -46,6 +46,7 @@ class Rows(NamedTuple):
     steer_rms_rad: FloatArray
     steer_rate_rms_rad_s: FloatArray
     limited_share: FloatArray
+    grip_used_s: FloatArray
     fault_s: FloatArray
     reported_s: FloatArray
     reaction_s: FloatArray

@@ -20,6 +20,8 @@ def motion_report(
     ``verdict``           on the run so far, of its ``judged_point``, by ``judged_peak_m``,
                           ``settled_peak_m`` (from ``settled_s`` on) and ``windows``
     ``beyond_lane_m``     how far a corner of a car was beyond an edge of its lane; None without one
+    ``grip_used``         how much of the time, and from when on, each axle had used up its grip
+                          before the lane was left; None where neither had, or it was not left
     ``corridor``          where the body was farthest beyond an edge (``path.corridor.Outside``);
                           None without a corridor, and before it
     ``limited_share``     share of the time in which a limit, and not the command, decided about the
@@ -49,6 +51,7 @@ def motion_report(
         "settled_s": rules.settled_s,
         "settled_peak_m": _known(peaks_m.settled_m),
         "beyond_lane_m": _known(peaks_m.beyond_lane_m),
+        "grip_used": figures.grip_used,
         "corridor": outside._asdict() if outside and outside.section else None,
         "limited_share": sum(figures.limited.values()) / max(samples, 1),
         "limited_share_by": {

@@ -48,9 +48,11 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def verdict_text(node: Report) -> str:
-    """Return a plant's verdict and its reason, what was limited, and who else has sent."""
+    """Return a plant's verdict and its reason, the grip, what was limited, and who else sent."""
     verdict = Verdict(node["verdict"])
     parts = [f"{verdict}: {_REASONS[verdict](node)}"]
+    if used_up := grip_text(node.get("grip_used")):
+        parts.append(used_up)
     if node["limited_share_by"]:
         limited = ", ".join(
             f"{name.replace('_', ' ')} {_percent(s)}"
@@ -61,6 +63,22 @@ def verdict_text(node: Report) -> str:
     if node.get("second_senders"):  # a log alone has none
         parts.append(second_sender_line(node["second_senders"]))
     return "; ".join(parts)
+
+
+def grip_text(grip_used: Report | None) -> str:
+    """Return one sentence that names the grip; empty where there was some.
+
+    ``grip_used``  as in the plant's report
+    """
+    if grip_used is None:
+        return ""
+    axles = "; ".join(
+        f"{axle} {_percent(used['share'])} of the time, first at {used['from_s']:.2f} s"
+        for axle in ("front", "rear")
+        if (used := grip_used.get(axle))
+    )
+    left = f"left its {grip_used['left']} at {grip_used['left_s']:.2f} s"
+    return f"before the car {left}, its tyres had used up their grip ({axles})"
 
 
 def _percent(share: float) -> str:

@@ -3,9 +3,9 @@
 import csv
 import math
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...dbc.messages import SteeringCommand
 from ...runtime.fast_named_tuple import new_record
@@ -13,9 +13,11 @@ from ...runtime.output_file import open_text
 from ..path.cg_deviation import cg_deviation_m
 from ..path.corridor import BETWEEN, Corridor, Lane, Outside, beyond_lane_m, outside_at
 from ..path.path import Path, pose
+from ..vehicle.car.axle_use import AxleUse
 from ..vehicle.exact_propagation import LinearState
 from ..vehicle.moving_vehicle import Motion
 from ..vehicle.settings import VehicleSettings
+from .grip_used import GripWatch, grip_report, grip_step
 from .held_figures import NOTHING_HELD, HeldRules, held_step
 from .run_verdict import Peaks, VerdictRules, samples_judged
 
@@ -51,9 +53,11 @@ class PlacedSample(NamedTuple):
     path_y_m: float
 
 
-_Taken = tuple[int, LinearState, float, SteeringCommand | None, tuple[float, float], str]
-"""Time [ns], state and arc length [m] of motion, the command in effect, both latencies [s], and the
-limit.
+_Taken = tuple[
+    int, LinearState, float, SteeringCommand | None, tuple[float, float], str, AxleUse | None
+]
+"""Time [ns], state and arc length [m] of motion, the command in effect, both latencies [s], the
+limit, and the use of both axles.
 """
 
 
@@ -67,6 +71,7 @@ class RunningFigures:
     ``newest_m`` of the judged point's error
     ``outside``  where the body was farthest beyond an edge of its corridor; None without one
     ``beyond_lane_m``  how far a corner of the body was beyond an edge of its lane; NaN without one
+    ``grip``     what it had used of its grip, and ``left_path_s``: when it left its path, or NaN
     ``limited``  samples at which a limit decided about the wheel, by its name
     """
 
@@ -74,6 +79,7 @@ class RunningFigures:
         self.rules, self.held = rules, NOTHING_HELD
         self.outside: Outside | None = None
         self.beyond_lane_m = math.nan
+        self.grip, self.left_path_s = GripWatch(), math.nan
         self.limited: Counter[str] = Counter()
         self.newest_m: deque[float] = deque(maxlen=newest)
         self.newest_wheel_rad: deque[float] = deque(maxlen=newest)
@@ -87,6 +93,11 @@ class RunningFigures:
         self.newest_wheel_rad.append(wheel_rad)
         if limit:
             self.limited[limit] += 1
+
+    @property
+    def grip_used(self) -> Mapping[str, Any] | None:
+        """As ``grip_report``."""
+        return grip_report(self.grip, self.left_path_s)
 
     @property
     def peaks_m(self) -> Peaks:
@@ -150,7 +161,8 @@ class RunRecord:
         """
         motion, waiting = self._motion, self._waiting
         at_m, _ = motion.place
-        waiting.append((motion.time_ns, motion.linear, at_m, command, latencies_s, limit))
+        use = None if self._lane is None else motion.axle_use
+        waiting.append((motion.time_ns, motion.linear, at_m, command, latencies_s, limit, use))
         if len(waiting) >= _BLOCK:
             self._process_waiting()
 
@@ -159,7 +171,7 @@ class RunRecord:
         path = self._motion.path
         preview_m, behind_m = self._motion.preview_distance_m, self._behind_m
         figures = self._figures
-        for time_ns, linear, at_m, command, (downlink_s, uplink_s), limit in self._waiting:
+        for time_ns, linear, at_m, command, (downlink_s, uplink_s), limit, use in self._waiting:
             side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = linear
             cg_m = cg_deviation_m(path, at_m, heading_rad, error_m, preview_m)
             if behind_m == preview_m:
@@ -180,6 +192,9 @@ class RunRecord:
                 beyond_m = float(beyond_lane_m(self._lane, *at, rear_m))
                 # The first one takes the place of a NaN.
                 figures.beyond_lane_m = max(beyond_m, figures.beyond_lane_m)
+                if use is not None:
+                    used = use.front_grip_used, use.rear_grip_used
+                    figures.grip = grip_step(figures.grip, time_ns * 1e-9, *used, beyond_m)
             figures.add(error_m, cg_m, judged_m, wheel_rad, limit)
             if len(self._samples) >= self._samples_max:
                 continue

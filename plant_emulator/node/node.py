@@ -58,6 +58,7 @@ from ...runtime.node import NEVER_NS, NS_PER_S, View
 from ...runtime.node.overruns import OverrunSupervision, overrun_rule
 from ...runtime.node.periodic import PeriodicTimer
 from ..evaluation.report_in_json import line_report, motion_report
+from ..evaluation.report_in_words import grip_text
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
 from ..network.network import Network
 from ..path.corridor import corridor_of
@@ -96,7 +97,7 @@ STEERING_STATUS with a long latency. With ``fallback = "keep"`` nothing else del
 NOT_FINITE_VEHICLE = "the vehicle's state is not finite"
 LEFT_PATH = (
     "the car has left its path: it stands more than 60 degrees across it, or near the centre of a"
-    " bend; less speed or more grip would have held it"
+    " bend"
 )
 NOT_FINITE_COMMAND = "a command that came through was not finite"
 _APPLYING = SteeringStatusCode.APPLYING
@@ -381,8 +382,17 @@ class PlantNode:
             motion_ns = 0
         motion.advance(motion_ns)
         if not motion.is_finite:
-            self._fail(NOT_FINITE_VEHICLE if self._settings.car is None else LEFT_PATH, due_ns)
+            self._fail(self._failure or self._path_left(1e-9 * motion_ns), due_ns)
         return motion_ns
+
+    def _path_left(self, motion_s: float) -> str:
+        """Return why the vehicle's state has no place on the path from now on."""
+        if self._settings.car is None:
+            return NOT_FINITE_VEHICLE
+        figures = self._record.figures
+        figures.left_path_s = motion_s
+        used_up = grip_text(figures.grip_used)
+        return f"{LEFT_PATH}; {used_up}" if used_up else LEFT_PATH
 
     def _fail(self, failure: str, due_ns: int) -> None:
         """Enter the safe state because of a fault of the plant itself; the first one stays."""

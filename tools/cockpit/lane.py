@@ -142,6 +142,7 @@ class Lane:
                 "frames": self._sampler.frames(now_ns),
                 "law": self._sampler.law(now_ns),
                 "score": self._sampler.score(),
+                "grip": self._sampler.grip_text(now_ns),
                 "hand_wheel": self._sampler.hand_wheel_text(),
                 "lost": self._sampler.is_lost,
                 "failure": self._failure,

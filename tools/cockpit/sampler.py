@@ -23,6 +23,8 @@ from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...hand_wheel.shaking import shaking, shaking_text
+from ...plant_emulator.evaluation.grip_used import GripWatch, grip_report, grip_step
+from ...plant_emulator.evaluation.report_in_words import grip_text
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
 from ...plant_emulator.vehicle.car.car_step import NEARNESS_MIN
 from ...runtime.frame import Frame
@@ -172,7 +174,7 @@ class Sampler:
 
     def reset_figures(self) -> None:
         """Let the running figures start again."""
-        self._score = Score()
+        self._score, self._grip = Score(), GripWatch()
 
     def on_late_read(self, late_ns: int, now_ns: int) -> None:
         """Take note that a frame was read ``late_ns`` after it may have come."""
@@ -200,6 +202,10 @@ class Sampler:
             self._score.add(self._watch.cg_deviation_m)
             if "CAR_TRUTH" in self._frames:  # else its speed is that along the path
                 self._place.on_error(message)
+        elif isinstance(message, messages.CarTruth):
+            beyond_m = abs(self._watch.cg_deviation_m) - IN_LANE_M
+            used = message.front_grip_used, message.rear_grip_used
+            self._grip = grip_step(self._grip, self._s(now_ns), *used, beyond_m)
         elif isinstance(message, messages.SteeringCommand | messages.SteeringPlan):
             if len(self._sent) >= _IN_FLIGHT_MAX:
                 del self._sent[next(iter(self._sent))]  # the oldest
@@ -271,6 +277,13 @@ class Sampler:
     def score(self) -> Mapping[str, float]:
         """Return RMS [m] and share of the time in the lane since the reset; empty before it."""
         return self._score.figures()
+
+    def grip_text(self, now_ns: int) -> str:
+        """Return whether the tyres had used up their grip before the lane was left, or empty."""
+        return grip_text(grip_report(self._grip, self._s(now_ns) if self.is_lost else math.nan))
+
+    def _s(self, now_ns: int) -> float:
+        return (now_ns - self.start_ns) / NS_PER_S
 
     def hand_wheel_text(self) -> str:
         """Return whether a hand wheel shakes; empty without one."""

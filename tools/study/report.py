@@ -86,7 +86,7 @@ PAGE = "report.html"
 def write(folder: Path) -> tuple[Path, list[str]]:
     """Write page and pictures into the folder of the results.
 
-    Returns the page, and the lines with the largest deviations of a study that prints them.
+    Returns the page, and lines: the largest deviations of a study that prints them, and the grip.
 
     Raises SettingsError where there are no results, OSError where nothing can be written.
     """
@@ -102,9 +102,10 @@ def write(folder: Path) -> tuple[Path, list[str]]:
     held = np.count_nonzero(rows.verdict == HOLDS)
     verdict = f"{held:,} of {len(rows.id):,} runs hold the path"
     write_text(file, page(f"Study {study.settings.name}", sections, verdict))
+    used_up = _grip(study, rows)
     if found is None or not study.settings.report.largest_deviation:
-        return file, []
-    return file, largest_deviations(found)
+        return file, used_up
+    return file, [*largest_deviations(found), *used_up]
 
 
 def _laws(study: Study, found: LawByDelay, folder: Path) -> Section:
@@ -158,7 +159,19 @@ def study_section(study: Study, rows: Rows) -> Section:
         ],
     )
     title = study.settings.title or "Latency and jitter, law by law"
-    return Section(title, (), tables=(settings, verdicts), notes=_warnings(study, rows))
+    return Section(
+        title, (), tables=(settings, verdicts), notes=[*_warnings(study, rows), *_grip(study, rows)]
+    )
+
+
+def _grip(study: Study, rows: Rows) -> list[str]:
+    """Return the sentence that names the grip; none where no run has used it up."""
+    is_used_up = np.isfinite(rows.grip_used_s)
+    runs = np.bincount(rows.controller[is_used_up], minlength=len(study.names)).tolist()
+    named = [f"{name} {count:,}" for name, count in zip(study.names, runs, strict=True) if count]
+    if not named:
+        return []
+    return [f"Runs that left the lane once the tyres had used up their grip: {', '.join(named)}."]
 
 
 def _factor(factor: Factor) -> str:

@@ -21,7 +21,6 @@ from ....plant_emulator.vehicle.settings import VehicleSettings
 from ....plant_emulator.vehicle.steady_turn import acceleration_gain_m_s2
 from ....runtime.settings import Settings, with_values
 from ...compiled.engine import Outcome, run_compiled
-from ..compiled_figures import farthest_beyond_lane_m
 from .settings import Case, FallbackName, FaultName, FaultTimeSettings
 
 ENTRY_S = 1.5
@@ -86,9 +85,8 @@ def _stays(settings: FaultTimeSettings, case: Case, time_s: float | None) -> boo
     """Return whether the car stays in its lane if the fault lasts a time; None: without one."""
     plant = plant_of(settings, case, time_s)
     run = run_compiled(plant, _controller(settings.controller_preset))
-    place = run.heading_error_rad, run.lateral_error_m, run.curvature_1_m
-    beyond_m = farthest_beyond_lane_m(plant, *place, run.deviation_m)
-    return run.outcome is Outcome.COMPLETE and beyond_m <= 0.0
+    is_in_lane = plant.car is None or bool((run.beyond_lane_m(plant.car.lane) <= 0.0).all())
+    return run.outcome is Outcome.COMPLETE and is_in_lane
 
 
 def plant_of(settings: FaultTimeSettings, case: Case, time_s: float | None) -> PlantSettings:

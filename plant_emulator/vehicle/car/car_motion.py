@@ -97,6 +97,9 @@ CarCourse = tuple[int, CarMoment, CarMoment, Orders, int, int]
 """Time [ns] and state of the last step that is kept, the state now, the orders, the interval of the
 disturbances and its end [ns]."""
 
+Tyres = tuple[float, float, float, float, float]
+"""Slips of front and rear, longitudinal acceleration and demand for it [m/s²], friction factor."""
+
 CarMotionState = tuple[int, LinearState, CarCourse]
 """As ``motion_events.MotionState``: time [ns], what sensors read, and the rest.
 
@@ -269,6 +272,14 @@ def rack_force_of_car_n(x: CarMotionState) -> float | None:
     """Return the force of the tyres on the rack, to the left positive [N]; None without a rack."""
     _, _, (_, _, now, _, _, _) = x
     return getattr(now.steering, "rack_force_n", None)
+
+
+def tyres_of_car(p: CarMotionParams, x: CarMotionState) -> Tyres:
+    """Return what ``axle_use_of`` needs besides the speed."""
+    _, _, (_, _, now, _, interval, _) = x
+    car = now.car
+    friction = p.intervals[interval].friction * p.patches[now.patch].friction
+    return car.front_slip, car.rear_slip, car.longitudinal_m_s2, now.demand_m_s2, friction
 
 
 def axle_use_of_car(p: CarMotionParams, x: CarMotionState) -> AxleUse | None:

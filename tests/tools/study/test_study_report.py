@@ -160,6 +160,7 @@ def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> 
         steer_rms_rad=np.array(rms_m) / 10.0,
         steer_rate_rms_rad_s=np.array(rms_m),
         limited_share=np.zeros(count),
+        grip_used_s=np.full(count, np.nan),
         fault_s=np.full(count, np.nan),
         reported_s=np.full(count, np.nan),
         reaction_s=np.full(count, np.nan),

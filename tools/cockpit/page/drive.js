@@ -125,11 +125,11 @@ export class Drive {
   }
 
   // The car is far off, and is put back: the round begins again and this one does not count.
-  lose() {
+  lose(grip) {
     this.ask(0);
     if (!this.scenario || this.feels) return; // a wheel that no one holds steers anywhere
     const drivenS = this.startS === null ? 0 : Math.round(this.app.nowS - this.startS);
-    this.result = `The car was lost after ${drivenS} s; this round does not count.`;
+    this.result = `The car was lost after ${drivenS} s; this round does not count${grip && `: ${grip}`}.`;
     this.app.wish({ do: "record", on: false });
     this.startS = this.goMs = null;
     this.hand.letGo();

@@ -30,19 +30,22 @@ export class Gauges {
       frontLoad: gauge("Load front", "", rest), rearLoad: gauge("Load rear", "", 1 - rest),
     };
     const name = several ? [element("h3", {}, facts.label)] : [];
-    return { by, facts, rackN: RACK_SHARE * facts.mass_kg * GRAVITY_M_S2, box: element("div", { className: "gauges" }, ...name, ...Object.values(by).map(({ box }) => box)) };
+    const note = element("p", { className: "note", role: "status" });
+    return { by, facts, note, rackN: RACK_SHARE * facts.mass_kg * GRAVITY_M_S2, box: element("div", { className: "gauges" }, ...name, ...Object.values(by).map(({ box }) => box), note) };
   }
 
   draw(nowS) {
-    byId("gauges").hidden = !this.lanes.filter((lane, index) => this.drawLane(lane, this.app.lanes[index], nowS)).length;
+    byId("gauges").hidden = !this.lanes.filter((lane, index) => this.drawLane(lane, this.app.lanes[index], nowS, this.app.status?.lanes[index]?.grip ?? "")).length;
   }
 
   // Returns whether it is a car.
-  drawLane(lane, rows, nowS) {
+  drawLane(lane, rows, nowS, grip) {
     const read = (name) => rows.value(name, nowS);
     const share = read("front_load_share"), rackN = read("rack_force_n");
     lane.box.hidden = !Number.isFinite(share);
     if (lane.box.hidden) return false;
+    setText(lane.note, grip);
+    lane.note.hidden = !grip;
     const { by, facts: { mass_kg } } = lane;
     for (const [at, name] of [[by.speed, "speed_m_s"], [by.yaw, "yaw_rate_rad_s"], [by.side, "lateral_acceleration_m_s2"]]) {
       const signal = this.app.signals[name];

@@ -95,6 +95,7 @@ export class Network {
   setFriction(friction) {
     this.load.friction = friction;
     pressed(this.ice, this.load.friction !== 1);
+    this.app.drive.felt.road.set(100 * friction);
     this.disturb();
   }
 

@@ -28,6 +28,7 @@ const app = {
   wish(wish) { this.link?.wish(wish); },
   get charts() { return charts; },
   get network() { return network; },
+  get drive() { return drive; },
   get nowS() { return this.player?.nowS ?? this.heldS ?? Math.max(0, ...this.lanes.map((rows) => rows.endS)); },
   selectLane(lane) {
     if (lane >= this.lanes.length) return;
@@ -71,12 +72,12 @@ function chooseUnit(nowS) {
 
 // A car of ours that is lost is put back, once.
 function putBack(lanes) {
-  lanes.forEach(({ lost }, lane) => {
+  lanes.forEach(({ lost, grip }, lane) => {
     if (lost === Boolean(app.lost[lane])) return;
     app.lost[lane] = lost;
     if (!lost || !app.head.is_own) return;
-    if (app.isDriven) drive.lose();
-    else toast(`${app.head.lanes[lane].label} has lost the path: it is put back to its start`);
+    if (app.isDriven) drive.lose(grip);
+    else toast([`${app.head.lanes[lane].label} has lost the path: it is put back to its start`, grip].filter(Boolean).join("; "));
     app.wish({ do: "process", lane, program: "plant", action: "put_back" });
   });
 }
