@@ -61,6 +61,17 @@ class CycleInput(NamedTuple):
     share: float
 
 
+def own_motion_rad(
+    angle_rad: float, hands: Hands, driver_alone: bool, followed_rad: float
+) -> float:
+    """Return the wheel's angle less the one that it is meant to have.
+
+    That is the one of the driver's wish, or ``followed_rad`` unless the driver steers alone.
+    """
+    wished_rad = hands.wished_rad if hands.grip.stiffness_n_m != 0.0 else 0.0
+    return angle_rad - (wished_rad if driver_alone else followed_rad)
+
+
 CYCLE_AT_REST = CycleState(DRIVER_AT_REST, FEEDBACK_AT_REST, 0.0)
 
 

@@ -41,12 +41,12 @@ from ..runtime.node import NS_PER_S, View
 from ..runtime.node.overruns import OverrunSupervision, overrun_rule
 from ..runtime.node.periodic import PeriodicTimer
 from ..runtime.node.statistics import DurationStatistics
-from .cycle import CYCLE_AT_REST, CycleInput, cycle_step
+from .cycle import CYCLE_AT_REST, CycleInput, cycle_step, own_motion_rad
 from .driver import HANDS_OFF, ReactionTime, Sight, kicks_n_m
 from .feedback_laws import FEEDBACK_LAWS, FeedbackInput
 from .modes import FeedbackMode, RoadEvidence, feedback_mode_step, share_step
 from .settings import HandWheelSettings
-from .shaking import WINDOW_S, shaking, shaking_text
+from .shaking import WINDOW_S, Shaking, shaking, shaking_report
 from .wheel_step import AT_REST, Hands, wheel_step
 
 RECEIVED: tuple[type[Message], ...] = (
@@ -232,6 +232,11 @@ class HandWheelNode:
         )
         return View(states, counts, now)
 
+    @property
+    def shaking(self) -> Shaking | None:
+        """How the wheel shakes now; None while it is still."""
+        return shaking(tuple(self._window), self._settings.cycle_s)
+
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
 
@@ -242,7 +247,6 @@ class HandWheelNode:
         ``clamped``     values sent as the end of their signal's range
         """
         reception = self._reception
-        found = shaking(tuple(self._window), self._settings.cycle_s)
         return {
             "law": self._settings.feedback.law,
             "cycle_s": self._settings.cycle_s,
@@ -253,9 +257,7 @@ class HandWheelNode:
             "holdings": self._entered[Mode.HOLDING],
             "safe_stops": self._entered[Mode.SAFE_STOP],
             "steered_by": self._steered_by.name.lower(),
-            "verdict": shaking_text(found),
-            "shakes_at_hz": None if found is None else found.hz,
-            "amplitude_rad": None if found is None else found.amplitude_rad,
+            **shaking_report(self.shaking),
             "peak_angle_rad": self._peak_rad,
             "peak_driver_torque_n_m": self._peak_n_m,
             "round_trip": self._round_trip.report(),
@@ -353,10 +355,9 @@ class HandWheelNode:
     def _keep(self, due_ns: int) -> None:
         """Record a cycle."""
         angle_rad, rate_rad_s, motor_n_m, driver_n_m, *_ = self._wheel
-        aim_rad = self._hands.wished_rad if self._hands.grip is not HANDS_OFF else 0.0
-        if self._steered_by is not SteeredBy.DRIVER:
-            aim_rad = self._ratio * self._wheel_rad
-        self._window.append(angle_rad - aim_rad)
+        alone = self._steered_by is SteeredBy.DRIVER
+        followed_rad = self._ratio * self._wheel_rad
+        self._window.append(own_motion_rad(angle_rad, self._hands, alone, followed_rad))
         self._peak_rad = max(self._peak_rad, abs(angle_rad))
         self._peak_n_m = max(self._peak_n_m, abs(driver_n_m))
         if self._samples_left > 0:

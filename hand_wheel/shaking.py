@@ -1,15 +1,14 @@
 """Whether the hand wheel shakes: its own motion at the end of a run, without what is slow in it.
 
-Its own motion is its angle less the one that it is meant to have: that of the driver's wish, or of
-the road wheels while the law steers.
+Its own motion is that of ``cycle.own_motion_rad``.
 
 The last WINDOW_S are taken in two halves. In each, a straight line is fitted, and what is left has
 the amplitude √2 times its RMS. The wheel shakes if the amplitude of the second half is more than
 AMPLITUDE_RAD and not much less than that of the first, and if it crosses zero at least twice there.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +30,7 @@ class Shaking(NamedTuple):
 
 def shaking(angles_rad: Sequence[float], period_s: float) -> Shaking | None:
     """Return how a wheel shakes, None if it is still; angles at equal times, oldest first."""
-    half = len(angles_rad) // 2
+    half = min(len(angles_rad), round(WINDOW_S / period_s)) // 2
     if half < _SAMPLES_MIN:
         return None
     angles = np.array(angles_rad[-2 * half :], np.float64)
@@ -41,6 +40,15 @@ def shaking(angles_rad: Sequence[float], period_s: float) -> Shaking | None:
     if after < AMPLITUDE_RAD or after < _GROWTH_MIN * before or crossings < 2:
         return None
     return Shaking(0.5 * crossings / (half * period_s), after)
+
+
+def shaking_report(found: Shaking | None) -> Mapping[str, Any]:
+    """Return the verdict, and how it shakes, None if it is still, ready for JSON."""
+    return {
+        "verdict": shaking_text(found),
+        "shakes_at_hz": None if found is None else found.hz,
+        "amplitude_rad": None if found is None else found.amplitude_rad,
+    }
 
 
 def shaking_text(found: Shaking | None) -> str:

@@ -37,9 +37,11 @@ from ...hand_wheel.cycle import (
     CycleParams,
     CycleState,
     cycle_step,
+    own_motion_rad,
 )
 from ...hand_wheel.driver import HANDS_OFF, Sight
 from ...hand_wheel.feedback_laws import FEEDBACK_LAWS, FeedbackInput
+from ...hand_wheel.shaking import Shaking, shaking
 from ...hand_wheel.wheel_step import AT_REST, Hands, WheelParams, WheelState, wheel_step
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.control_unit import status_of
@@ -50,7 +52,7 @@ from ...plant_emulator.vehicle.motion_choice import MOTIONS
 from ...plant_emulator.vehicle.motion_parameters import vehicle_params
 from ...plant_emulator.vehicle.single_track_model import VehicleParams
 from ...runtime.array_types import FloatArray, IntArray
-from ...runtime.node import NEVER_NS
+from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.settings import SettingsError
 from .hand_wheel_events import Event, WheelEvents
 from .inlined_functions import INLINE
@@ -69,7 +71,7 @@ if TYPE_CHECKING:
     from ...hand_wheel.settings import HandWheelSettings
 
 _ARRIVAL, _FORCE, _ANSWER, _CYCLE, _STATE = map(int, Event)
-_LAW, _BOTH = int(SteeredBy.LAW), int(SteeredBy.BOTH)
+_LAW, _DRIVER, _BOTH = int(SteeredBy.LAW), int(SteeredBy.DRIVER), int(SteeredBy.BOTH)
 _ACTIVE, _HOLDING = int(Mode.ACTIVE), int(Mode.HOLDING)
 _APPLYING = int(SteeringStatusCode.APPLYING)
 _MODEL = [*FEEDBACK_LAWS].index("model")
@@ -95,7 +97,8 @@ class Wheel(NamedTuple):
     ``force_n``      of each reading, as on the wire
     ``*_wire``       of each cycle, as HAND_WHEEL_STATE carries it
     ``by_sight_rad`` the driver's wish at each cycle, after the one that he starts with
-    ``samples``      angle, rate, torques of driver and motor at each cycle, NaN before it
+    ``samples``      angle, rate, torques of driver and motor at each cycle, NaN before it; the
+                     fifth row is the wheel's own motion
     ``heard_n``      force on the rack as it was last heard, NaN for a law that reads none
     ``steered_by``, ``order_n_m``  of each tick, as HAND_WHEEL_FEEDBACK carries them
     """
@@ -124,6 +127,11 @@ class Wheel(NamedTuple):
     heard_n: FloatArray
     steered_by: IntArray
     order_n_m: FloatArray
+
+    @property
+    def cycles_done(self) -> int:
+        """How many cycles the run has reached."""
+        return int(np.count_nonzero(np.isfinite(self.samples[0])))
 
 
 class WheelProgress(NamedTuple):
@@ -165,7 +173,7 @@ def _designed(settings: "HandWheelSettings") -> tuple[WheelParams, CycleParams]:
 
 @cache
 def _register_steps() -> None:
-    register(cycle_step, wheel_step, steering_step, assist_step)
+    register(cycle_step, wheel_step, steering_step, assist_step, own_motion_rad)
     for motion in MOTIONS.values():
         register(motion.front_lateral_n, motion.is_limited)
 
@@ -236,11 +244,16 @@ def wheel_of(
         rate_wire=np.zeros(cycles),
         torque_wire=np.zeros(cycles),
         by_sight_rad=np.zeros(cycles + 1),
-        samples=np.full((4, cycles), np.nan),
+        samples=np.full((5, cycles), np.nan),
         heard_n=np.full(cycles, np.nan),
         steered_by=np.zeros(len(events.tick_cycle), np.int64),
         order_n_m=np.zeros(len(events.tick_cycle)),
     )
+
+
+def shaking_of(w: Wheel) -> Shaking | None:
+    """Return how the wheel shakes at the end of a run, as the node's report says it."""
+    return shaking(w.samples[4, : w.cycles_done].tolist(), w.cycle_ns / NS_PER_S)
 
 
 def _start(w: Wheel) -> WheelProgress:
@@ -367,6 +380,8 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
         w.heard_n[cycle] = force_n
     w.samples[0, cycle], w.samples[1, cycle] = wheel.angle_rad, wheel.rate_rad_s
     w.samples[2, cycle], w.samples[3, cycle] = wheel.driver_torque_n_m, wheel.motor_n_m
+    alone, followed_rad = w.steered_by[tick] == _DRIVER, w.ratio * road_wheel_rad
+    w.samples[4, cycle] = own_motion_rad(wheel.angle_rad, hands, alone, followed_rad)
     rested = cycle + 1 if state.driver.rests else x.rested
     return WheelProgress(x.event + 1, wheel, state, rested, hands, told_n_m, x.plant, x.who)
 

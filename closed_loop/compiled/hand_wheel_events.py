@@ -11,6 +11,7 @@ At one instant, with what ``closed_loop.compiled.loop`` does at it:
 
 from collections.abc import Sequence
 from enum import IntEnum
+from math import nan
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from ...hand_wheel.driver import Kick
 from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
 from ...hand_wheel.modes import FeedbackMode, RoadEvidence, feedback_mode_step, share_step
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.array_types import FloatArray, IntArray
+from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from .law_input import Uplink
 from .network import Arrivals, ToPlant, arrivals_of, sensor_noise
 
@@ -144,6 +145,31 @@ def wheel_events(
         np.searchsorted(tick_ns, cycle_ns, side="right") - 1,
         sensor_noise(plant, samples, slice(1, 2))[0],
     )  # fmt: skip
+
+
+def is_arrival(events: WheelEvents) -> BoolArray:
+    """Return which events are messages that reach the plant."""
+    return np.isin(events.kind, (Event.FORCE, Event.CYCLE), invert=True)
+
+
+def felt_delay_s(plant: PlantSettings, wheel: "HandWheelSettings", events: WheelEvents) -> float:
+    """Return how old the wheel's angle is that the felt torque answers, the mean of all cycles.
+
+    NaN for a law that reads no road, and where none is ever felt.
+    """
+    reads = FEEDBACK_LAWS[wheel.feedback.law].reads
+    if reads is None:
+        return nan
+    is_force = reads is SteeringForce
+    in_use = events.force_sample if is_force else events.status_sample
+    period_ns = plant.force_period_ns if is_force else plant.sensor_period_ns
+    is_state = (events.kind == Event.STATE) | (events.is_state != 0)
+    # The sensors come before an angle that arrives without latency, after any other one.
+    known_ns = 2 * events.ns[is_state] + (events.kind[is_state] == Event.STATE)
+    angle = np.searchsorted(known_ns, 2 * period_ns * in_use, side="right") - 1
+    felt = np.flatnonzero((in_use >= 0) & (angle >= 0))
+    answered = events.number[is_state][angle[felt]]
+    return float(np.mean(felt - answered)) * wheel.cycle_s if len(felt) else nan
 
 
 def _kicks_n_m(kicks: Sequence[Kick], cycle_ns: IntArray) -> FloatArray:

@@ -317,7 +317,9 @@ def _accepted(rule: CounterRule, number: IntArray, arrived: Arrivals) -> Arrival
 def to_plant_of(
     plant: PlantSettings, sent: Sequence[tuple[int, IntArray]], motion_start_ns: int, end_ns: int
 ) -> tuple[ToPlant, IntArray]:
-    """Return what reaches the plant up to ``end_ns``, and how many commands are lost.
+    """Return what reaches the plant up to ``end_ns``, and how many frames are lost.
+
+    Those that are lost are counted up to each command, shape (commands + 1,).
 
     ``sent``  the first index of each kind, and when its messages are sent [ns]
     """
@@ -345,7 +347,8 @@ def to_plant_of(
     # Of one kind they have their order already; kinds that are due together go as they came.
     leaving = np.lexsort((frame, due_ns)) if len(sent) > 1 else np.arange(len(frame))
     frame = frame[leaving]
-    lost = np.append(0, np.cumsum(down[0].is_lost[kind == 0]))
+    before_next = np.append(np.searchsorted(came_ns, came_ns[kind == 0][1:]), len(came_ns))
+    lost = np.append(0, np.append(0, np.cumsum(down[0].is_lost))[before_next])
     left = came_ns[frame], due_ns[leaving], kind[frame], index[frame], latency_ns[leaving]
     return ToPlant(*left), lost
 

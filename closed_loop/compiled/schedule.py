@@ -51,7 +51,8 @@ class RunSchedule(NamedTuple):
     ``tick_s``     of each tick, from the start of the run
     ``segments``   the controller's modes, in order
     ``end_ns``     when the last sample is taken
-    ``commands_lost``      by the network, of the first ticks, shape (ticks + 1,)
+    ``commands_lost``      by the network, of the first ticks, shape (ticks + 1,); with a hand wheel
+                           of all frames to the plant
     ``measurements_lost``  of the first samples, shape (samples + 1,): of all messages
     ``measurements``       that the controller accepts, and when
     ``first_tick``         the first tick with a command

@@ -26,7 +26,7 @@ from ...dbc.messages import (
     SteeringPlan,
     decode,
 )
-from ...hand_wheel.shaking import WINDOW_S, shaking, shaking_text
+from ...hand_wheel.shaking import shaking, shaking_text
 from ...plant_emulator.evaluation.report_in_words import verdict_text
 from ...plant_emulator.evaluation.run_verdict import Verdict
 from ...plant_emulator.settings import PlantSettings
@@ -299,8 +299,7 @@ class Outcome(NamedTuple):
             self._fail("no HAND_WHEEL_STATE is on the bus")
         times_ns, angles_rad = zip(*seen, strict=True)
         period_s = (times_ns[-1] - times_ns[0]) / max(len(seen) - 1, 1) / NS_PER_S
-        last = round(WINDOW_S / period_s) if period_s else 1
-        found = shaking(angles_rad[-last:], period_s)
+        found = shaking(angles_rad, period_s) if period_s else None
         if found is not None:
             self._fail(f"the hand wheel {shaking_text(found)}")
 

@@ -148,10 +148,11 @@ class Rig:
                 outcome = self._in_virtual_time(ControllerNode(settings, 0), plant, files)
         else:
             own, foreign = HandWheelSettings(), None
-            if isinstance(hand_wheel, str | Path | HandWheelSettings):
-                own = settings_of(HandWheelSettings, hand_wheel, {})
-            else:
+            if callable(hand_wheel) or isinstance(hand_wheel, list | tuple):
                 foreign = hand_wheel
+            else:
+                given: Any = hand_wheel
+                own = settings_of(HandWheelSettings, given, {})
             plant, settings, own = with_hand_wheel(plant, settings, own)
             files.write_settings(plant, settings, hand_wheel=own if foreign is None else None)
             with _made(own if foreign is None else foreign) as wheel:

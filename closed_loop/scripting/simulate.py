@@ -19,6 +19,7 @@ from ...controller.settings import shared_vehicle as nominal_vehicle
 from ...hand_wheel.node import HandWheelNode
 from ...hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
 from ...hand_wheel.settings import HandWheelSettings
+from ...hand_wheel.shaking import shaking_report
 from ...plant_emulator.node.settings_without_effect import never_varies
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
@@ -293,6 +294,7 @@ def _run_compiled(
 ) -> Run:
     try:
         from ..compiled.engine import run_compiled
+        from ..compiled.hand_wheel import shaking_of
     except ImportError as error:
         raise ValueError(
             f"engine = 'compiled' needs {error.name}: {installation(str(error.name))}"
@@ -310,4 +312,5 @@ def _run_compiled(
         outcome=str(run.outcome),
         hand_wheel=HandWheelTable.of_compiled(run),
         hand_wheel_settings=hand_wheel,
+        hand_wheel_report=shaking_report(shaking_of(run.wheel)) if run.wheel else {},
     )

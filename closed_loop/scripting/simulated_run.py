@@ -167,11 +167,11 @@ class HandWheelTable(NamedTuple):
         wheel = run.wheel
         if wheel is None:
             return None
-        cycles = int(np.count_nonzero(np.isfinite(wheel.samples[0])))
+        cycles = wheel.cycles_done
         time_s = np.arange(cycles) * wheel.cycle_ns / NS_PER_S
         events = wheel.events
         steered_by = wheel.steered_by[events.cycle_tick[:cycles]]
-        angle_rad, rate_rad_s, driver_n_m, motor_n_m = wheel.samples[:, :cycles]
+        angle_rad, rate_rad_s, driver_n_m, motor_n_m, _ = wheel.samples[:, :cycles]
         motion = time_s, angle_rad, rate_rad_s, driver_n_m, motor_n_m, wheel.heard_n[:cycles]
         return cls(*motion, events.mode[:cycles], steered_by)
 
@@ -181,7 +181,8 @@ class Run(NamedTuple):
 
     ``plant``, ``controller``  what happened, as arrays
     ``*_settings``             all that determines the run
-    ``*_report``               as the programs write them; empty for a compiled run
+    ``*_report``               as the programs write them; empty for a compiled run, but for whether
+                               the hand wheel shakes
     ``engine``                 virtual or compiled
     ``outcome``                complete, or what ended the run early
     ``pair_warnings``          what in the settings of the two does not go together

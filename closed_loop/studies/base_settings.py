@@ -7,6 +7,8 @@ from typing import Any
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...controller.settings import shared_vehicle as nominal_vehicle
+from ...hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
+from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.path.settings import EllipseSettings
 from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
@@ -58,6 +60,14 @@ def controller_tables(base: BaseSettings, name: str, file: str, folder: Path) ->
         tables += leaves(variant.controller)
         where = f"{file}: base.variants.{name}"
     return _checked(ControllerSettings, preset, below, tables, where, nominal_vehicle(vehicle))
+
+
+def hand_wheel_tables(base: BaseSettings, name: str | None, file: str, folder: Path) -> Tables:
+    """Return the tables of a hand wheel by its name in the study file; raises SettingsError."""
+    below = folder / name if name and name.endswith(".toml") else None
+    preset = read_preset(HAND_WHEEL_PRESETS, name) if name and below is None else None
+    values = leaves(base.hand_wheel or {})
+    return _checked(HandWheelSettings, preset, below, values, f"{file}: base.hand_wheel", None)
 
 
 def plant_of_variant(base: BaseSettings, name: str) -> dict[str, Any]:

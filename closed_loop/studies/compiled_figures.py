@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...controller.settings import ControllerSettings
+from ...hand_wheel.shaking import Shaking
 from ...plant_emulator.evaluation import run_verdict
 from ...plant_emulator.evaluation.error_windows import (
     WINDOW_SHARE_MAX,
@@ -110,6 +111,30 @@ COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of the results. The counts are whole numbers: samples since the start of motion, commands
 sent, commands that reached the actuator, and frames lost in each direction."""
+
+
+class HandWheelFigures(NamedTuple):
+    """Figures of a hand wheel; NaN while it is still."""
+
+    hand_wheel_shakes_hz: float
+    hand_wheel_amplitude_rad: float
+    felt_delay_s: float
+    """Mean age of the wheel's angle that the felt torque answers; NaN over a bus, and for a law
+    that needs none."""
+
+    @classmethod
+    def of(cls, found: Shaking | None, felt_delay_s: float) -> "HandWheelFigures":
+        """Return the figures of a wheel that shakes so, or is still."""
+        shaking = (math.nan, math.nan) if found is None else found
+        return cls(*shaking, felt_delay_s)
+
+
+HAND_WHEEL_COLUMNS = HandWheelFigures._fields
+"""After the others, in a study with a hand wheel."""
+HAND_WHEEL_VERDICT = "hand_wheel_verdict"
+"""Column of whether it is still or shakes at the end."""
+COUNTED = slice(len(Figures._fields), len(COLUMNS))
+"""Where the counts are in a row."""
 
 
 class LatencyFigures(NamedTuple):

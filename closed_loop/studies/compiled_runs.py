@@ -14,20 +14,25 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.settings import ControllerSettings
+from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.evaluation.grip_used import GripWatch, grip_step
 from ...plant_emulator.evaluation.run_verdict import RANGE_M, RUN_ENDS, RunEnd, Verdict, end_of
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from ..compiled.engine import CompiledRun, Outcome, run_compiled
+from ..compiled.hand_wheel import shaking_of
+from ..compiled.hand_wheel_events import felt_delay_s, is_arrival
 from ..compiled.schedule import NothingArrivesError, RunSchedule, schedule_run
 from ..pair.agreed_period import with_period_of
+from ..pair.with_hand_wheel import with_hand_wheel
 from .compiled_figures import (
     COLUMNS,
-    COUNTS,
+    COUNTED,
     BodyFigures,
     FigureRules,
     Figures,
+    HandWheelFigures,
     LatencyFigures,
     farthest_outside_m,
     figures_of,
@@ -93,7 +98,7 @@ class Computed(NamedTuple):
 
     ``ids``      shape (runs,)
     ``ends``     shape (runs,), places in ``RUN_ENDS``
-    ``figures``  shape (runs, len(COLUMNS))
+    ``figures``  shape (runs, columns)
     """
 
     ids: IntArray
@@ -123,9 +128,9 @@ class Computer:
 
     def compute(self, ids: Sequence[int], should_stop: Callable[[], bool]) -> Computed:
         """Return the runs ``ids``, in rising order; fewer if it should stop."""
-        ends = np.zeros(len(ids), dtype=np.int64)
-        figures = np.full((len(ids), len(COLUMNS)), np.nan)
         scenarios, study = self.scenarios, self.scenarios.study
+        ends = np.zeros(len(ids), dtype=np.int64)
+        figures = np.full((len(ids), len(study.columns)), np.nan)
         known, shared, case, plant = -1, None, None, None
         done = 0
         for run in ids:
@@ -145,7 +150,7 @@ class Computer:
                     end = run_on_nodes(pair, study.settings.verdict, row)
                 else:
                     controller = with_period_of(plant, scenarios.controller(case, name))
-                    end = self.one(plant, controller, row)
+                    end = self.one(plant, controller, row, scenarios.hand_wheel(case))
             except SettingsError as error:
                 raise SettingsError(*(f"run {run}: {line}" for line in error.mistakes)) from error
             except Exception as error:
@@ -155,51 +160,74 @@ class Computer:
             done += 1
         return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
 
-    def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:
-        """Write the results of one compiled run into ``row``, shape (len(COLUMNS),)."""
+    def one(
+        self,
+        plant: PlantSettings,
+        controller: ControllerSettings,
+        row: FloatArray,
+        wheel: HandWheelSettings | None = None,
+    ) -> RunEnd:
+        """Write the results of one compiled run into ``row``, shape (columns,)."""
+        if wheel is not None:
+            plant, controller, wheel = with_hand_wheel(plant, controller, wheel)
         try:
-            network = self.network(plant, controller)
+            network = self.network(plant, controller, wheel)
         except NothingArrivesError:
-            row[-len(COUNTS) :] = 0.0
+            row[COUNTED] = 0.0
             return RunEnd.NO_START
-        run = run_compiled(plant, controller, network.plan)
+        run = run_compiled(plant, controller, network.plan, wheel)
         in_effect = (plant.safety, len(run.command), *run.command[-1:].tolist())
-        known = network.latency.get(in_effect)
+        # Who steers decides it too, which a driver does by how the wheel moves.
+        known = None if wheel is not None else network.latency.get(in_effect)
         if known is None:
             known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
         rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
-        row[: -len(COUNTS)] = _figures(plant, rules, run, known)
+        row[: COUNTED.start] = _figures(plant, rules, run, known)
+        if wheel is not None and run.wheel is not None:
+            felt_s = felt_delay_s(plant, wheel, run.wheel.events)
+            row[COUNTED.stop :] = HandWheelFigures.of(shaking_of(run.wheel), felt_s)
         samples, ticks = len(run.time_s), len(run.tick_s)
         plan = network.plan
         taken = samples + _samples_before_motion(plant, plan)
-        row[-len(COUNTS) :] = (
+        row[COUNTED] = (
             samples,
             ticks,
-            _acted(plan, ticks, taken),
+            _acted(plan, plan.first_tick + ticks, taken),
             plan.commands_lost[ticks],
             plan.measurements_lost[taken],
         )
         return _ENDS[run.outcome]
 
-    def network(self, plant: PlantSettings, controller: ControllerSettings) -> Network:
+    def network(
+        self,
+        plant: PlantSettings,
+        controller: ControllerSettings,
+        wheel: HandWheelSettings | None = None,
+    ) -> Network:
         """Return what the network does to a run; cached for runs with the same network."""
         key = (
             *(plant.latency, plant.seed, plant.duration_ns, plant.sensor_period_ns),
             *(plant.start_on_first_command, plant.sensor_noise, plant.path_ahead),
             *(controller.period_ns, controller.supervision),
+            *(() if wheel is None else (*_heard_by(wheel), plant.force_period_ns)),
         )
         with self._lock:
             found = self._networks.get(key)
             if found is not None:
                 self._networks.move_to_end(key)
                 return found
-        plan = schedule_run(plant, controller)
+        plan = schedule_run(plant, controller, wheel)
         made = Network(plan, {})
         with self._lock:
             self._networks[key] = made
             while len(self._networks) > PLANS_KEPT:
                 self._networks.popitem(last=False)
         return made
+
+
+def _heard_by(wheel: HandWheelSettings) -> tuple[Hashable, ...]:
+    """Return what decides when something happens at a hand wheel."""
+    return wheel.cycle_ns, wheel.supervision, wheel.feedback.law, wheel.driver.kicks
 
 
 def _samples_before_motion(plant: PlantSettings, plan: RunSchedule) -> int:
@@ -212,5 +240,8 @@ def _acted(plan: RunSchedule, ticks: int, samples: int) -> int:
     if samples == 0:
         return 0
     due_ns, sent_at = plan.instants.commands
-    in_time = due_ns <= plan.instants.sample_ns[samples - 1]
-    return int(np.count_nonzero(in_time & (sent_at < ticks)))
+    last_ns = plan.instants.sample_ns[samples - 1]
+    acted = np.count_nonzero((due_ns <= last_ns) & (sent_at < ticks))
+    if plan.wheel is not None:  # the angles of the driver act too, and who steers
+        acted += np.count_nonzero(is_arrival(plan.wheel) & (plan.wheel.ns <= last_ns))
+    return int(acted)

@@ -16,6 +16,7 @@ from ...controller.node.node import ControllerNode
 from ...dbc import messages
 from ...dbc.bus_language import read_language
 from ...dbc.messages import Freshness, Mode, SafetyState, SteeringStatusCode
+from ...hand_wheel.node import HandWheelNode
 from ...plant_emulator.evaluation.run_verdict import RANGE_M, RunEnd, VerdictRules
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.path.cg_deviation import cg_deviation_m
@@ -24,15 +25,18 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
+from ..compiled.hand_wheel_events import felt_delay_s
+from ..compiled.schedule import schedule_run
 from ..lockstep.node import LockstepNode, controller_node
 from ..pair.pair_result import Trace
 from ..pair.virtual_bus import shared_bus
 from ..pair.virtual_pair import pair_with
 from .compiled_figures import (
-    COUNTS,
+    COUNTED,
     BodyFigures,
     FigureRules,
     Figures,
+    HandWheelFigures,
     farthest_outside_m,
     figures_of,
     latency_figures,
@@ -133,18 +137,19 @@ class Ran(NamedTuple):
     controller: ControllerNode | LockstepNode
     sent_rad: list[float]
     reactions: Reactions
+    wheel: HandWheelNode | None
 
 
 def run_on_nodes(pair: Pair, rules: VerdictRules, row: FloatArray) -> RunEnd:
-    """Write the results of one run into ``row``, shape (len(COLUMNS),).
+    """Write the results of one run into ``row``, shape (columns,).
 
     Without a bus the wire takes no time. The noise and the rest bus are drawn from the plant's
     seed. Raises SettingsError.
     """
-    plant, controller, sent_on_bus_rad, reactions = _ran(pair)
+    plant, controller, sent_on_bus_rad, reactions, wheel = _ran(pair)
     trace, report = Trace.of_node(plant), plant.report()
     if not len(trace.time_s) or not report["downlink"]["released"]:
-        row[-len(COUNTS) :] = 0.0
+        row[COUNTED] = 0.0
         return RunEnd.NO_START
     has_left, samples = range_left(trace)
     if isinstance(controller, ControllerNode):
@@ -163,10 +168,21 @@ def run_on_nodes(pair: Pair, rules: VerdictRules, row: FloatArray) -> RunEnd:
     row[: len(figures)] = figures._replace(**reactions._asdict())
     downlink, uplink = report["downlink"], report["uplink"]
     lost = downlink["lost"], uplink["lost"]
-    row[-len(COUNTS) :] = (samples, len(sent_rad), downlink["released"], *lost)
+    row[COUNTED] = (samples, len(sent_rad), downlink["released"], *lost)
+    if wheel is not None:
+        row[COUNTED.stop :] = _wheel_figures(pair, wheel)
     if has_left or report["failure"]:  # the plant's own: a car that has left its path
         return RunEnd.LEFT_RANGE
     return RunEnd.CONTROLLER_FAILED if controller.report()["failure"] else RunEnd.COMPLETE
+
+
+def _wheel_figures(pair: Pair, node: HandWheelNode) -> HandWheelFigures:
+    """Return the figures; the network alone decides the felt delay."""
+    lines, felt_s = (pair.plant.latency.downlink, pair.plant.latency.uplink), nan
+    if pair.hand_wheel is not None and pair.bus is None and not any(it.has_trace for it in lines):
+        events = schedule_run(pair.plant, pair.controller, pair.hand_wheel).wheel
+        felt_s = nan if events is None else felt_delay_s(pair.plant, pair.hand_wheel, events)
+    return HandWheelFigures.of(node.shaking, felt_s)
 
 
 def range_left(trace: Trace) -> tuple[bool, int]:
@@ -227,7 +243,8 @@ def _ran(pair: Pair) -> Ran:
                     sent_rad.append(decoded.message.steer_rad)
 
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:
-        nodes = pair_with(pair.plant, controller, language=language)
+        wheel = None if pair.hand_wheel is None else HandWheelNode(pair.hand_wheel, 0)
+        nodes = pair_with(pair.plant, controller, language=language, hand_wheel=wheel)
         nodes.run(bus, on_wire=on_wire)
     reactions = watch.reactions(nodes.edge.report().get("faults", ()))
-    return Ran(nodes.plant, controller, sent_rad, reactions)
+    return Ran(nodes.plant, controller, sent_rad, reactions, wheel)

@@ -17,18 +17,20 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from math import isnan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS
+from ...runtime.array_types import FloatArray
 from ...runtime.input_file import read_bytes
 from ...runtime.output_file import write_text
 from ...runtime.program.output_folder import refuse_another_run
 from ...runtime.settings import SettingsError
-from .compiled_figures import COLUMNS, COUNTS, verdicts
+from .compiled_figures import COUNTS, HAND_WHEEL_VERDICT, verdicts
 from .compiled_runs import Computed
 from .row_file import check, pyarrow, read_table, write_rows
 from .scenario import Scenarios
@@ -152,10 +154,12 @@ class Store:
         whole, real, text = arrow.int64(), arrow.float64(), arrow.string()
         fields = [(name, whole) for name in ("id", "point", "replicate", "seed")]
         fields += [("controller", text), ("law", text)]
-        for factor in self.scenarios.study.design.factors:
+        study = self.scenarios.study
+        for factor in study.design.factors:
             fields.append((factor.name, real if are_numbers(factor.labels) else text))
         fields += [("verdict", text), ("ended_by", text)]
-        fields += [(name, whole if name in COUNTS else real) for name in COLUMNS]
+        fields += [(HAND_WHEEL_VERDICT, text)] * bool(study.hand_wheels)
+        fields += [(name, whole if name in COUNTS else real) for name in study.columns]
         return arrow.schema([*fields, ("overrides", text)])
 
 
@@ -171,7 +175,7 @@ def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
     controllers = [names[place] for place in places.tolist()]
     laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
     judged = verdicts(study.settings.verdict, computed.ends, computed.figures)
-    figures = dict(zip(COLUMNS, computed.figures.T.copy(), strict=True))
+    figures = dict(zip(study.columns, computed.figures.T.copy(), strict=True))
     return {
         "id": computed.ids,
         "point": [case.point for case in rows],
@@ -185,6 +189,7 @@ def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
         },
         "verdict": [str(verdict) for verdict in judged],
         "ended_by": [str(RUN_ENDS[end]) for end in computed.ends.tolist()],
+        **({HAND_WHEEL_VERDICT: _still_or_not(figures)} if study.hand_wheels else {}),
         **figures,
         **{name: figures[name].astype(np.int64) for name in COUNTS},
         "overrides": [
@@ -194,6 +199,10 @@ def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
             for case, name, place in zip(rows, controllers, first.tolist(), strict=True)
         ],
     }
+
+
+def _still_or_not(figures: Mapping[str, FloatArray]) -> list[str]:
+    return ["still" if isnan(hz) else "shakes" for hz in figures["hand_wheel_shakes_hz"].tolist()]
 
 
 def are_numbers(labels: Sequence[Any]) -> bool:

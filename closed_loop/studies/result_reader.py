@@ -34,6 +34,7 @@ class Rows(NamedTuple):
     ``controller``, ``verdict``  places in ``Study.names`` and in ``VERDICTS``
     ``*rms_m``, ``*peak_m``      of the car
     ``case``                     the same for runs that differ in the controller only
+    ``hand_wheel_shakes_hz``, ``felt_delay_s``  None without a hand wheel
     """
 
     id: IntArray
@@ -51,6 +52,8 @@ class Rows(NamedTuple):
     reported_s: FloatArray
     reaction_s: FloatArray
     factors: Mapping[str, NDArray[Any]]
+    hand_wheel_shakes_hz: FloatArray | None = None
+    felt_delay_s: FloatArray | None = None
 
     @property
     def holds(self) -> BoolArray:
@@ -58,8 +61,8 @@ class Rows(NamedTuple):
         return np.asarray(self.verdict == HOLDS)
 
 
-_FIGURES = Rows._fields[4:-1]
-"""The columns that are read as they are."""
+_FIGURES, _OF_WHEEL = Rows._fields[4:-3], Rows._fields[-2:]
+"""The columns that are read as they are; the others of a study with a hand wheel."""
 
 
 def read_results(folder: Path) -> tuple[Study, Rows]:
@@ -79,7 +82,8 @@ def read_results(folder: Path) -> tuple[Study, Rows]:
     study = study_of_record(str(file), record)
     study = study._replace(settings=study.settings.model_copy(update=_presentation(folder)))
     factors = [factor.name for factor in study.factors]
-    names = ["id", "controller", "verdict", *_FIGURES, *factors]
+    figures = (*_FIGURES, *_OF_WHEEL) if study.hand_wheels else _FIGURES
+    names = ["id", "controller", "verdict", *figures, *factors]
     table = _table([read_table(each, record, names) for each in _files(folder)], names)
     run = table["id"]
     if not len(run):
@@ -89,7 +93,7 @@ def read_results(folder: Path) -> tuple[Study, Rows]:
         case=run // len(study.names),
         controller=_places(table["controller"], study.names),
         verdict=_places(table["verdict"], [str(verdict) for verdict in VERDICTS]),
-        **{name: table[name] for name in _FIGURES},
+        **{name: table[name] for name in figures},
         factors={name: table[name] for name in factors},
     )
     return study, rows

@@ -29,7 +29,7 @@ from .base_settings import tables_of
 from .compiled_runs import Computer
 from .result_files import Store, columns_of
 from .scenario import Scenarios
-from .study import COLUMNS_TAKEN, Study, load_study, study_of
+from .study import BASE_WHEEL, COLUMNS_TAKEN, WHEEL, Study, load_study, study_of
 from .study_file import BaseSettings, StudySettings
 from .workers import Block, ShouldStop, Workers
 
@@ -100,21 +100,20 @@ def sweep(
     """Run every combination of values; returns columns of shape (runs,) as ``run_study``.
 
     ``over``         values by an argument of ``simulate``, as latency_s or controller, or by
-                     ``plant.table.key``, ``controller.`` or ``bus.``; the last part of the name
-                     names the column, or all of it, as plant_duration_s, where that name is taken
+                     ``plant.table.key``, ``controller.``, ``hand_wheel.`` or ``bus.``; the last
+                     part of the name names the column, or all of it, as plant_duration_s, where
+                     that name is taken
     ``replicates``   runs of each combination, each with its own seed from ``seed``
     ``overrides``    other settings, named as in ``over``
     ``engine``       None: compiled, or virtual with a bus
 
-    The other arguments are as for ``simulate``, but no run of a sweep has a hand wheel.
-    ``pandas.DataFrame(sweep(...))`` is a frame. Raises SettingsError.
+    The other arguments are as for ``simulate``. ``pandas.DataFrame(sweep(...))`` is a frame. Raises
+    SettingsError.
 
     >>> table = sweep({"latency_s": [0.0, 0.1]}, duration_s=5.0)
     >>> [f"{1e3 * rms_m:.1f} mm" for rms_m in table["rms_m"]]
     ['46.4 mm', '46.8 mm']
     """
-    if hand_wheel is not None:
-        raise SettingsError("sweep: hand_wheel: no run of a sweep has one; take simulate")
     for key, levels in over.items():
         if isinstance(levels, str) or not isinstance(levels, Iterable):
             raise SettingsError(f"sweep over {key}: takes a list of values, not {levels!r}")
@@ -133,18 +132,23 @@ def sweep(
         "loss": loss,
         "latencies": latencies,
     }
-    for key in factors.keys() & {key for key, value in own.items() if value is not None}:
+    given = {**own, WHEEL: hand_wheel}
+    for key in factors.keys() & {key for key, value in given.items() if value is not None}:
         raise SettingsError(f"sweep over {key}: it is given as an argument too; leave one out")
     varies = "jitter_s" in {*factors, *overrides}
     overrides = {SHORT.get(key, key): value for key, value in overrides.items()}
     if varies:
         overrides |= GAMMA
-    values = by_side(own, overrides)
+    wheels = list(over.get(WHEEL, () if hand_wheel is None else [hand_wheel]))
+    values = by_side(own, overrides, bool(wheels))
     driven = settings_of(PlantSettings, plant, values["plant"], vehicle)
     refuse_jitter_around_nothing(jitter_s, driven)
     controllers = list(over.get("controller", [controller]))
     names, own_values = _names(controllers), values["controller"]
     driving = [settings_of(ControllerSettings, one, own_values, vehicle) for one in controllers]
+    held = [tables_of(settings_of(HandWheelSettings, one, values[WHEEL])) for one in wheels]
+    if WHEEL in factors:
+        factors[WHEEL] = _names(wheels)
     rows = [
         {"key": SHORT.get(key, key), "name": _column(key, factors), "values": _placed(values)}
         for key, values in factors.items()
@@ -159,19 +163,27 @@ def sweep(
         dict(zip(names, map(tables_of, driving), strict=True)),
         None if wire is None else tables_of(wire),
         on_nodes=engine == "virtual",
+        hand_wheels=dict(
+            zip([BASE_WHEEL, *factors.get(WHEEL, ())], [*held[:1], *held], strict=False)
+        ),
     )
     return _computed(study)
 
 
-def _names(controllers: Sequence[Any]) -> list[str]:
-    """Return a name for each controller: of its preset or file, or of its law and place."""
-    laws = [one.law for one in controllers if isinstance(one, ControllerSettings)]
+def _names(given: Sequence[Any]) -> list[str]:
+    """Return a name for each controller or hand wheel: of its preset or file, or law and place."""
+    laws = [_law(one) for one in given]
     return [
-        str(one)
-        if not isinstance(one, ControllerSettings)
-        else one.law + f" {place}" * (laws.count(one.law) > 1)
-        for place, one in enumerate(controllers, start=1)
+        law + f" {place}" * (laws.count(law) > 1) if law else str(one)
+        for place, (one, law) in enumerate(zip(given, laws, strict=True), start=1)
     ]
+
+
+def _law(given: Any) -> str:
+    """Return the law of settings; empty for a name."""
+    if isinstance(given, HandWheelSettings):
+        return given.feedback.law
+    return str(given.law) if isinstance(given, ControllerSettings) else ""
 
 
 def _placed(values: Sequence[Any]) -> list[Any]:

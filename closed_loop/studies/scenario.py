@@ -17,15 +17,17 @@ from pydantic import ValidationError
 from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import read_language
+from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.faults.messages_on_bus import naming
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.settings import Settings, SettingsError
 from ...runtime.settings.mistakes import KeyPath, explain, schema_of
 from ..pair.agreed_period import pair_warnings, with_period_of
+from ..pair.with_hand_wheel import with_hand_wheel
 from .base_settings import Tables
 from .factors import Label
-from .study import Study
+from .study import BASE_WHEEL, WHEEL, Study
 from .study_file import REPLICATES_MAX
 
 FRACTION = ".spread_fraction"
@@ -48,11 +50,12 @@ def replicate_seed(study_seed: int, replicate: int) -> int:
 
 
 class Pair(Settings):
-    """The settings of both programs, and of their bus where a study has one."""
+    """The settings of the programs, and of their bus where a study has one."""
 
     plant: PlantSettings
     controller: ControllerSettings
     bus: BusSettings | None = None
+    hand_wheel: HandWheelSettings | None = None
     command: tuple[str, ...] = ()
     """Words of the program that is the controller; it keeps to the settings."""
     dialect: str = ""
@@ -83,6 +86,7 @@ class Scenarios:
         self._language = read_language(study.dialect)
         self._naming = naming(self._language)
         self._controllers: dict[tuple[str, str], ControllerSettings] = {}
+        self._hand_wheels: dict[str, HandWheelSettings] = {}
         self.shortest_s = math.inf
         """The shortest run that ``check`` has met."""
         self.warnings: dict[str, None] = {}
@@ -129,6 +133,27 @@ class Scenarios:
             self._controllers[known] = found
         return found
 
+    def hand_wheel(self, case: Case) -> HandWheelSettings | None:
+        """Return the settings of the hand wheel, None without one; raises SettingsError."""
+        tables = self._wheel_tables(case)
+        if tables is None:
+            return None
+        text = json.dumps(_laid_over(tables, case.overrides, f"{WHEEL}."))
+        found = self._hand_wheels.get(text)
+        if found is None:
+            try:
+                found = HandWheelSettings.model_validate_json(text, strict=True)
+            except ValidationError as error:
+                raise self._mistake(case, self.controllers[0]) from error
+            if len(self._hand_wheels) >= 1000:
+                self._hand_wheels.clear()
+            self._hand_wheels[text] = found
+        return found
+
+    def _wheel_tables(self, case: Case) -> Tables | None:
+        wheels = self.study.hand_wheels
+        return wheels[case.overrides.get(WHEEL, BASE_WHEEL)] if wheels else None
+
     def pair(self, run: int) -> Pair:
         """Return the settings of a run by its id, checked strictly; raises SettingsError."""
         index, place = divmod(run, len(self.controllers))
@@ -140,12 +165,16 @@ class Scenarios:
         study = self.study
         given = study.plant, study.controllers[name], study.bus
         command = study.commands.get(name, ())
-        tables = pair_tables(*given, command, study.dialect, case.overrides)
+        wheel = self._wheel_tables(case)
+        tables = pair_tables(*given, command, study.dialect, case.overrides, wheel)
         try:
             text = json.dumps(tables)
             pair = Pair.model_validate_json(text, strict=True, context=self._naming)
             controller = with_period_of(pair.plant, pair.controller)
-            return pair.model_copy(update={"controller": controller})
+            if pair.hand_wheel is None:
+                return pair.model_copy(update={"controller": controller})
+            fitting = with_hand_wheel(pair.plant, controller, pair.hand_wheel)
+            return pair.model_copy(update=fitting._asdict())
         except ValidationError as error:
             sources: dict[KeyPath, str] = {(): f"{self.study.file}: base"}
             for factor in self.study.design.factors:
@@ -172,6 +201,7 @@ class Scenarios:
             if case.point not in seen:
                 seen.add(case.point)
                 plant = self.plant(case)
+                self.hand_wheel(case)
                 self.shortest_s = min(self.shortest_s, plant.duration_s)
                 if self.study.on_nodes:
                     self.checked(case, self.controllers[0])
@@ -200,10 +230,16 @@ class Scenarios:
     def _check_keys(self) -> None:
         for factor in self.study.design.factors:
             for key in factor.keys:
-                if not key.startswith(("plant.", "controller.", "bus.")):
+                is_of_wheel = f"{key}.".startswith(f"{WHEEL}.")
+                if not (is_of_wheel or key.startswith(("plant.", "controller.", "bus."))):
                     raise SettingsError(
                         f"{self.study.file}: factor {factor.name}: key {key} starts with none of "
-                        "plant., controller. and bus."
+                        "plant., controller., hand_wheel. and bus."
+                    )
+                if is_of_wheel and not self.study.hand_wheels:
+                    raise SettingsError(
+                        f"{self.study.file}: factor {factor.name}: {key} needs a hand wheel: add "
+                        'base.hand_wheel_preset = "still", or hand_wheel="still" to a sweep'
                     )
                 if key == "plant.seed":
                     raise SettingsError(
@@ -237,9 +273,10 @@ def pair_tables(
     command: Sequence[str],
     dialect: str,
     overrides: Tables,
+    hand_wheel: Tables | None = None,
 ) -> dict[str, Any]:
     """Return the tables of a ``Pair``, the overrides laid over them."""
-    given = {"plant": plant, "controller": controller, "bus": bus}
+    given = {"plant": plant, "controller": controller, "bus": bus, WHEEL: hand_wheel}
     tables = {
         name: _laid_over(table, overrides, f"{name}.")
         for name, table in given.items()

@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ...dbc.bus_language import read_language
@@ -16,10 +17,17 @@ from ...plant_emulator.evaluation.run_verdict import VerdictRules
 from ...plant_emulator.faults.messages_on_bus import naming
 from ...runtime.settings import SettingsError
 from ..pair.named_files import digest, named_files
-from .base_settings import Tables, bus_tables, controller_tables, plant_of_variant, plant_tables
-from .compiled_figures import COLUMNS
+from .base_settings import (
+    Tables,
+    bus_tables,
+    controller_tables,
+    hand_wheel_tables,
+    plant_of_variant,
+    plant_tables,
+)
+from .compiled_figures import COLUMNS, HAND_WHEEL_COLUMNS, HAND_WHEEL_VERDICT
 from .factors import Design, Factor, in_grid_order, make_design, make_factor
-from .study_file import SamplingKind, StudySettings, read_study
+from .study_file import BaseSettings, SamplingKind, StudySettings, read_study
 
 RUNS_MAX = 2**40
 OWN_VERDICT = "plant.verdict is for single runs: give the study's own table [verdict]"
@@ -27,7 +35,10 @@ OWN_VERDICT = "plant.verdict is for single runs: give the study's own table [ver
 COLUMNS_TAKEN = (
     *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
     *COLUMNS,
+    *(HAND_WHEEL_VERDICT, *HAND_WHEEL_COLUMNS),
 )
+BASE_WHEEL, WHEEL = "", "hand_wheel"
+"""Name of the hand wheel of ``[base]``, and the key that takes another one."""
 
 
 class Study(NamedTuple):
@@ -39,6 +50,7 @@ class Study(NamedTuple):
     ``bus``          tables of the bus on which the nodes run; None for a wire that takes no time
     ``dialect``      file of the car whose messages are on it; empty for our own
     ``on_nodes``     whether the nodes themselves run, as always on a bus, and not compiled code
+    ``hand_wheels``  tables of each hand wheel, by its name in the study file; empty without one
     """
 
     file: str
@@ -49,6 +61,12 @@ class Study(NamedTuple):
     bus: Tables | None = None
     dialect: str = ""
     on_nodes: bool = False
+    hand_wheels: Mapping[str, Tables] = MappingProxyType({})
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of the figures."""
+        return (*COLUMNS, *HAND_WHEEL_COLUMNS) if self.hand_wheels else COLUMNS
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -99,10 +117,11 @@ class Study(NamedTuple):
             **settings,
             "plant": self.plant,
             "controllers": self.controllers,
-            "columns": COLUMNS,
+            "columns": self.columns,
             "files": {name: digest(file) for name, file in named.items()},
             "bus": self.bus,
             "dialect": self.dialect,
+            **({"hand_wheels": self.hand_wheels} if self.hand_wheels else {}),
         }
         return json.dumps(record, indent=1)
 
@@ -110,13 +129,16 @@ class Study(NamedTuple):
 def study_of_record(file: str, record: str | bytes) -> Study:
     """Return the study that left a record; raises SettingsError for one of another version."""
     given = json.loads(record)
-    made_by = given.get("version"), given.get("columns")
-    if made_by != (version("steer-by-wire-emulator"), [*COLUMNS]):
+    wheels, columns = given.get("hand_wheels", {}), given.get("columns")
+    if given.get("version") != version("steer-by-wire-emulator") or columns not in (
+        [*COLUMNS],
+        [*COLUMNS, *HAND_WHEEL_COLUMNS],
+    ):
         raise SettingsError(f"{file}: is not the record of a study of this version")
     of_file = {key: given[key] for key in StudySettings.model_fields if key in given}
     settings = StudySettings.model_validate_json(json.dumps(of_file))
     tables = given["plant"], given["controllers"], given["bus"]
-    return study_of(settings, file, *tables, given["dialect"])
+    return study_of(settings, file, *tables, given["dialect"], hand_wheels=wheels)
 
 
 def study_of(
@@ -128,11 +150,12 @@ def study_of(
     dialect: str = "",
     *,
     on_nodes: bool = False,
+    hand_wheels: Mapping[str, Tables] = MappingProxyType({}),
 ) -> Study:
     """Return a study of settings whose tables are known; raises SettingsError."""
     design = make_design(study_factors(settings, file), settings.sampling)
     own = plant, controllers, design, bus, dialect, on_nodes or bus is not None
-    study = Study(file, settings, *own)
+    study = Study(file, settings, *own, hand_wheels)
     if any(factor.sets("plant.verdict") for factor in study.factors):
         raise SettingsError(f"{file}: {OWN_VERDICT}")
     if study.runs > RUNS_MAX:
@@ -164,6 +187,7 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
         {name: controller_tables(base, name, file, folder) for name in base.names},
         bus_tables(base, file) if has_bus else None,
         dialect,
+        hand_wheels=_hand_wheels(base, factors, file, folder),
     )
     if study.bus is None:
         _refuse_without_bus(study)
@@ -172,6 +196,19 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
         raise SettingsError(f"{file}: {OWN_VERDICT}")
     _refuse_unread(study)
     return study
+
+
+def _hand_wheels(
+    base: BaseSettings, factors: Sequence[Factor], file: str, folder: Path
+) -> Mapping[str, Tables]:
+    levels = [level for factor in factors for level in factor.levels or ()]
+    named = [value for level in levels for key, value in level.values if key == WHEEL]
+    if not named and base.hand_wheel_preset is None and base.hand_wheel is None:
+        return {}
+    if base.dialect:
+        raise SettingsError(f"{file}: base.hand_wheel_preset: a study with base.dialect has none")
+    names = {BASE_WHEEL: base.hand_wheel_preset, **{str(name): str(name) for name in named}}
+    return {name: hand_wheel_tables(base, it, file, folder) for name, it in names.items()}
 
 
 def _refuse_without_bus(study: Study) -> None:

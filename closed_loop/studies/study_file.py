@@ -36,7 +36,8 @@ class FactorSettings(Settings):
     name: str | None = Field(None, pattern="^[a-z][a-z0-9_]*$", max_length=60)
     """Name of the column in the results; the default is the last part of the first key."""
     key: str | None = None
-    """What is set: ``plant.``, ``controller.`` or ``bus.`` and the key in its settings."""
+    """What is set: ``plant.``, ``controller.``, ``hand_wheel.`` or ``bus.`` and the key in its
+    settings; ``hand_wheel`` alone takes presets and files."""
     keys: tuple[str, ...] | None = Field(None, min_length=1, max_length=20)
     """Several keys that all take the same value."""
     values: tuple[LevelValue, ...] | None = Field(None, min_length=1, max_length=LEVELS_MAX)
@@ -121,6 +122,10 @@ class BaseSettings(Settings):
     """Further controllers by their names, after the others."""
     controller: dict[str, Any] = Field(default_factory=dict)
     """Tables on top of every controller."""
+    hand_wheel_preset: str | None = None
+    """A preset or a file, as in ``controllers``: every run has this hand wheel."""
+    hand_wheel: dict[str, Any] | None = None
+    """Tables on top of every hand wheel."""
     bus: dict[str, Any] | None = None
     """A bus with traffic, errors and clocks (``bus_model.settings``), on which the nodes run."""
     dialect: Path | None = None

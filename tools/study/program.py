@@ -11,7 +11,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
-from ...closed_loop.pair.pair_result import BUS, PairFiles
+from ...closed_loop.pair.pair_result import (
+    BUS,
+    CONTROLLER_PROGRAM,
+    HAND_WHEEL_PROGRAM,
+    PLANT_PROGRAM,
+    PairFiles,
+)
 from ...closed_loop.reports.terminal import plain_console
 from ...closed_loop.studies.compiled_figures import short_windows
 from ...closed_loop.studies.result_files import Store
@@ -36,25 +42,27 @@ def write_settings(scenarios: Scenarios, run: int, folder: Path) -> list[str]:
         raise SettingsError(f"--replay {run}: the study has runs 0 to {runs - 1}")
     pair, files = scenarios.pair(run), PairFiles(folder / "replay" / str(run))
     others = [*read_language(pair.dialect).files, *map(Path, pair.command)]
-    files.write_settings(pair.plant, pair.controller, pair.bus, others)
+    files.write_settings(pair.plant, pair.controller, pair.bus, others, pair.hand_wheel)
     return _commands(pair, files)
 
 
 def _commands(pair: Pair, files: PairFiles) -> list[str]:
     """Return the commands that repeat the run, in virtual time and, without a bus, live."""
     bus = files.settings(BUS)
-    plant, controller = (
-        shlex.quote(str(files.settings(name))) for name in ("plant_emulator", "controller")
-    )
+    programs = PLANT_PROGRAM, CONTROLLER_PROGRAM, HAND_WHEEL_PROGRAM
+    plant, controller, wheel = (shlex.quote(str(files.settings(name))) for name in programs)
     program = f"--controller-command {shlex.quote(shlex.join(pair.command))}"
     run = f"steer-by-wire run {plant} {program if pair.command else f'--controller {controller}'}"
+    run += f" --hand-wheel {wheel}" if pair.hand_wheel else ""
     run += f" --dialect {shlex.quote(pair.dialect)}" if pair.dialect else ""
     if bus.exists():
         return [f"{run} --bus-settings {shlex.quote(str(bus))}"]
+    live = [f"plant {plant}", f"controller {controller}"]
+    live += [f"hand-wheel {wheel}"] if pair.hand_wheel else []
+    on_bus = " --interface socketcan --channel vcan0"
     return [
         f"{run} --ideal-wire",
-        f"steer-by-wire plant {plant} --interface socketcan --channel vcan0 & "
-        f"steer-by-wire controller {controller} --interface socketcan --channel vcan0",
+        " & ".join(f"steer-by-wire {program}{on_bus}" for program in live),
     ]
 
 

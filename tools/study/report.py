@@ -80,20 +80,48 @@ def _times(times_s: FloatArray) -> tuple[Cell, Cell]:
     return number(str(len(known_ms))), number(f"{np.median(known_ms):.0f}, {known_ms.max():.0f}")
 
 
+def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[str]]:
+    """Return at which felt delays a hand wheel shakes, as a section and in lines to print."""
+    if rows.felt_delay_s is None or rows.hand_wheel_shakes_hz is None:
+        return [], []
+    delay_ms, is_still = 1e3 * rows.felt_delay_s, np.isnan(rows.hand_wheel_shakes_hz)
+    found = []
+    for factor in study.factors:
+        column = rows.factors[factor.name]
+        for label in [] if factor.sets("plant.latency") else factor.labels:
+            of = (column == label) & np.isfinite(delay_ms)
+            still_ms, late_ms = delay_ms[of & is_still], delay_ms[of & ~is_still]
+            most = f"{still_ms.max():.1f}" if len(still_ms) else "-"
+            least = f"{late_ms.min():.1f}" if len(late_ms) else "-"
+            found.append((f"{factor.name} {label}", most, least))
+    lines = [
+        f"{what}: still up to {most} ms, shakes from {least} ms" for what, most, least in found
+    ]
+    table = Table(
+        ("Hand wheel", "still up to [ms]", "shakes from [ms]"),
+        [(Cell(what), number(most), number(least)) for what, most, least in found],
+    )
+    text = "By the felt delay: how old the wheel's angle is that the felt torque answers."
+    return [Section("When the hand wheel shakes", (text,), tables=[table])], lines
+
+
 PAGE = "report.html"
 
 
 def write(folder: Path) -> tuple[Path, list[str]]:
     """Write page and pictures into the folder of the results.
 
-    Returns the page, and lines: the largest deviations of a study that prints them, and the grip.
+    Returns the page, and lines: when a hand wheel shakes, the largest deviations of a study that
+    prints them, and the grip.
 
     Raises SettingsError where there are no results, OSError where nothing can be written.
     """
     study, rows = read_results(folder)
     found = law_by_delay(study, rows)
+    of_wheel, lines = hand_wheel_section(study, rows)
     sections = [
         study_section(study, rows),
+        *of_wheel,
         *reaction_sections(study, rows),
         *([] if found is None else [_laws(study, found, folder)]),
         comparison_section(study, rows),
@@ -104,8 +132,8 @@ def write(folder: Path) -> tuple[Path, list[str]]:
     write_text(file, page(f"Study {study.settings.name}", sections, verdict))
     used_up = _grip(study, rows)
     if found is None or not study.settings.report.largest_deviation:
-        return file, used_up
-    return file, [*largest_deviations(found), *used_up]
+        return file, [*lines, *used_up]
+    return file, [*lines, *largest_deviations(found), *used_up]
 
 
 def _laws(study: Study, found: LawByDelay, folder: Path) -> Section:

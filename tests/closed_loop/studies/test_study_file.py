@@ -212,7 +212,7 @@ BAD: dict[str, tuple[str, str]] = {
     ),
     "a key of no program": (
         '[[factors]]\nkey = "speed"\nvalues = [1.0]\n',
-        r"factor speed: key speed starts with none of plant\., controller\. and bus\.",
+        r"factor speed: key speed starts with none of plant\., controller\., hand_wheel\.",
     ),
     "text for a number": (
         '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nvalues = ["5"]\n',

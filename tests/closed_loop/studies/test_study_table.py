@@ -1,6 +1,9 @@
 """A study run from Python gives what the program stores, run by run."""
 
+import json
+import random
 from inspect import signature
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +17,7 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.path.settings import StraightSettings
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.bus_model.settings import BusSettings
+from steer_by_wire.runtime.settings import preset_names
 from steer_by_wire.runtime.settings.toml_text import dump_toml
 from tests.support.runs.small_study import STUDY, complete
 
@@ -80,6 +84,8 @@ KINDS: dict[str, dict[str, Any]] = {
         "overrides": {"plant.faults": [FAULT]},
     },
     "bus": {"engine": "virtual", "bus": {"load": 0.7}},
+    "hand wheel": {"hand_wheel": "two_point", "overrides": {"hand_wheel.cycle_ms": 5}},
+    "hand wheel on a bus": {"hand_wheel": "still", "engine": "virtual", "bus": {"load": 0.3}},
     "bus in a file": {"engine": "virtual", "bus": "bus.toml"},
     "bus as settings": {"engine": "virtual", "bus": BusSettings(bitrate_bit_s=250_000)},
 }
@@ -105,6 +111,37 @@ def test_a_row_of_a_sweep_is_the_run_of_simulate(
     assert table["steer_peak_rad"][0] == np.max(np.abs(run.controller.sent_rad))
     assert table["law"][0] == run.controller_settings.law
     assert run.rms_m > 0.0
+
+
+@pytest.mark.parametrize("engine", ["compiled", "virtual"])
+def test_rows_with_a_hand_wheel_are_runs_of_simulate(engine: Any) -> None:
+    draw = random.Random(61)
+    given: dict[str, Any] = {
+        "plant": "highway_nominal", "controller": "highway_pd", "duration_s": 4.0, "engine": engine,
+    }  # fmt: skip
+    fixed = {"controller.hand_wheel.steered_by": "driver", "plant.latency.downlink.mean_s": 0.03}
+    over: dict[str, Any] = {
+        "hand_wheel": draw.sample(preset_names("steer_by_wire.hand_wheel.presets"), 2),
+        "hand_wheel.feedback.law": ["rack_force", *draw.sample(["spring", "model", "cdob"], 1)],
+        "hand_wheel.feedback.torque_gradient_n_m": [draw.uniform(2.0, 20.0)],
+        "hand_wheel.wheel.friction_n_m": [0.0],
+        "hand_wheel.cycle_ms": [draw.choice([2.0, 5.0, 10.0])],
+        "plant.latency.uplink.mean_s": [0.01 * draw.randrange(5), 0.2],
+    }
+    table = sweep(over, overrides=fixed, **given)
+    assert set(table["hand_wheel_verdict"]) == {"still", "shakes"}
+    for place, text in enumerate(table["overrides"]):
+        row, own = {name: table[name][place] for name in table}, json.loads(text)
+        run = simulate(hand_wheel=own.pop("hand_wheel"), overrides=fixed | own, **given)
+        report = {
+            key: nan if value is None else value for key, value in run.hand_wheel_report.items()
+        }
+        found = row["hand_wheel_shakes_hz"], row["hand_wheel_amplitude_rad"], row["rms_m"]
+        expected = report["shakes_at_hz"], report["amplitude_rad"], run.rms_m
+        np.testing.assert_array_equal(found, expected)
+        assert report["verdict"].startswith(row["hand_wheel_verdict"])
+        if row["hand_wheel_feedback_law"] == "rack_force":
+            assert row["felt_delay_s"] == pytest.approx(0.03 + row["mean_s"])
 
 
 def test_a_sweep_judges_by_the_thresholds_of_its_plant() -> None:
@@ -183,7 +220,12 @@ def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set
         ({"over": {}, "overrides": {"sed": 1}}, r"key sed starts with neither plant\. nor"),
         ({"over": {"plant.verdict.road_m": [1.0]}}, "sweep: plant.verdict is for single runs"),
         ({"over": {}, "overrides": {"plant.faults": [FAULT]}}, "faults: "),
-        ({"over": {}, "hand_wheel": "still"}, "sweep: hand_wheel: no run of a sweep has one"),
+        ({"over": {"hand_wheel.cycle_ms": [1]}}, "factor cycle_ms: .* needs a hand wheel: add"),
+        ({"over": {"hand_wheel": ["stil"]}}, r"preset stil: .*did you mean still"),
+        (
+            {"over": {}, "hand_wheel": "still", "controller": "practical_predictor"},
+            "'predictor' reads the history of the bus",
+        ),
         ({"over": {}, "engine": "compiled", "bus": {"load": 0.7}}, "bus: in a compiled run"),
         (
             {"over": {"bus": [{}]}},
