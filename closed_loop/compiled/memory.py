@@ -66,13 +66,15 @@ def with_tables(value: Any) -> tuple[Any, list[NDArray[Any]]]:
         numbers = np.array(value, np.float64)
         return numbers.ctypes.data, [numbers]
     is_table = type(value) in (list, tuple) and value and isinstance(value[0], _ROWS)
-    if not is_table and not isinstance(value, tuple):
+    if isinstance(value, Correction) or not (is_table or isinstance(value, tuple)):
         return value, []
-    fields, inner = zip(*map(with_tables, value), strict=True) if value else ((), ())
-    tables = [table for each in inner for table in each]
+    parts = {id(each): each for each in value}  # most rows of a table are the same one
+    made = {key: with_tables(each) for key, each in parts.items()}
+    fields = [made[id(each)][0] for each in value]
+    tables = [table for _, inner in made.values() for table in inner]
     if not is_table:
         return _alike(fields, value), tables
-    table = np.array(list(fields), layout_of(fields[0]))
+    table = np.array(fields, layout_of(fields[0]))
     return table.ctypes.data, [table, *tables]
 
 
