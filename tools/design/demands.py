@@ -17,6 +17,7 @@ import numpy as np
 from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.settings import VehicleModelSettings
+from ...controller.filters.transfer_function import TransferFunction
 from ...controller.law_interface import VehicleReading
 from ...controller.laws.feed_forward import steer_per_curvature
 from ...controller.laws.law_from_settings import LawDesign, steady_steer
@@ -25,7 +26,7 @@ from ...plant_emulator.path.path import Path, curvature
 from ...plant_emulator.path.path_from_settings import build_path
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
-from .loop_figures import CircleGrid, behind_lag, circle_grid, loop_figures, slow_poles
+from .loop_figures import CircleGrid, behind_lag, circle_grid, loop_figures
 from .search.evolution import Values
 from .search.law_parameters import controller_settings, designs
 from .specification import Specification
@@ -102,7 +103,7 @@ def _met(spec: Specification, vehicle: VehicleFile, path: Path, speed_m_s: float
 _ACTIVE = 0.02
 """A demand is active if the law is within this share of its limit."""
 _MARGIN_DECAY_1_S = 0.02
-"""How fast a loop has to settle to count as stable beyond the range, in the search."""
+"""How fast a loop has to settle to count as stable beyond the range."""
 _COARSE_DELAYS = 6
 _COARSE_POINTS, _FINE_POINTS = 300, 1500
 _UNSTABLE = 100.0
@@ -149,6 +150,14 @@ class Judgement(NamedTuple):
     demands: tuple[Demand, ...]
 
 
+class DecayDemand(NamedTuple):
+    """How fast every mode of a law has to decay around these plants, at each delay."""
+
+    models: Sequence[TransferFunction]
+    delays_ns: Sequence[int]
+    decay_1_s: float
+
+
 class Study(NamedTuple):
     """A specification and a vehicle, and what of the computation is the same for every law."""
 
@@ -156,7 +165,7 @@ class Study(NamedTuple):
     vehicle: VehicleFile
     tracking: TrackingGrid
     frequency: CircleGrid
-    stability: Mapping[str, CircleGrid]
+    stability: Mapping[str, DecayDemand]
     without: frozenset[str]  # demands that are not made
 
 
@@ -175,27 +184,29 @@ def make_study(
     ``takes_map``  as in ``course_grid``
     ``coarse_delays``  at which a coarse study has runs
     """
-    models = vehicle.models
-    period_ns, points = spec.period_ns, _FINE_POINTS if fine else _COARSE_POINTS
-    settling_1_s = spec.d_stability.settling_1_s
+    models, settling_1_s = vehicle.models, spec.d_stability.settling_1_s
     stability = {
-        "settling": circle_grid(models, spec.delays_ns, period_ns, points, settling_1_s),
-        "delay margin": circle_grid(
-            models, spec.margin_delays_ns, period_ns, points, _MARGIN_DECAY_1_S
-        ),
+        "settling": DecayDemand(models, spec.delays_ns, settling_1_s),
+        "delay margin": DecayDemand(models, spec.margin_delays_ns, _MARGIN_DECAY_1_S),
     }
     if spec.actuator is not None:
         lagged = [behind_lag(model, spec.actuator.lag_s) for model in models]
-        stability["actuator lag"] = circle_grid(
-            lagged, spec.lag_delays_ns, period_ns, points, _MARGIN_DECAY_1_S
-        )
-    delays_ns = spec.delays_ns if fine else _thinned(spec.delays_ns, coarse_delays)
+        stability["actuator lag"] = DecayDemand(lagged, spec.lag_delays_ns, _MARGIN_DECAY_1_S)
+    delays_ns = spec.delays_ns
+    if not fine:
+        delays_ns = _thinned(delays_ns, coarse_delays)
+        stability = {
+            name: demand._replace(delays_ns=_thinned(demand.delays_ns, coarse_delays))
+            for name, demand in stability.items()
+        }
     return Study(
         spec,
         vehicle,
         course_grid(spec, vehicle, delays_ns, takes_map=takes_map),
-        circle_grid(models, spec.delays_ns, period_ns, points),
-        {name: grid for name, grid in stability.items() if name not in without},
+        circle_grid(
+            models, spec.delays_ns, spec.period_ns, _FINE_POINTS if fine else _COARSE_POINTS
+        ),
+        {name: demand for name, demand in stability.items() if name not in without},
         without,
     )
 
@@ -206,24 +217,27 @@ def judge_law(study: Study, law: str, values: Values) -> Judgement:
     What means nothing for an unstable loop is left out then, and the runs where the other demands
     are far from met.
     """
-    settings = controller_settings(study.spec, study.vehicle, law, values)
+    spec = study.spec
+    settings = controller_settings(spec, study.vehicle, law, values)
     design, pd_design = designs(settings)
-    demands = [
-        Demand(name, float(np.count_nonzero(slow_poles(grid, design))), 0.0)
-        for name, grid in study.stability.items()
-    ]
-    cells = sum(grid.plants.shape[1] * grid.plants.shape[2] for grid in study.stability.values())
-    slow = sum(demand.value for demand in demands)
-    if slow:
-        violation = _UNSTABLE + slow / cells + _slowness(study, _loops(study, design))
-        return Judgement(np.inf, violation, tuple(demands))
+    demands, lacking = [], list[float]()
+    for name, demanded in study.stability.items():
+        loops = [SampledLoop(design, model, spec.period_ns) for model in demanded.models]
+        decays_1_s = [loop.decay_1_s(each) for loop in loops for each in demanded.delays_ns]
+        missing_1_s = [max(0.0, demanded.decay_1_s - decay_1_s) for decay_1_s in decays_1_s]
+        demands.append(Demand(name, float(np.count_nonzero(missing_1_s)), 0.0))
+        lacking += missing_1_s
+    if any(lacking):
+        share = np.count_nonzero(lacking) / len(lacking)
+        slowness = sum(lacking) / len(lacking) / spec.d_stability.settling_1_s
+        return Judgement(np.inf, _UNSTABLE + share + slowness, tuple(demands))
     if not study.without.issuperset(_OF_THE_PD):
         demands += _region(study, pd_design)
     figures = loop_figures(study.frequency, design)
     peak, noise_rad_m = figures.peak_sensitivity.max(), figures.noise_gain_rad_m.max()
     demands += [
-        Demand("peak sensitivity", float(peak), study.spec.peak_sensitivity_max),
-        Demand("noise gain", float(noise_rad_m), study.spec.noise_gain_rad_m_max),
+        Demand("peak sensitivity", float(peak), spec.peak_sensitivity_max),
+        Demand("noise gain", float(noise_rad_m), spec.noise_gain_rad_m_max),
     ]
     if sum(demand.excess for demand in _made(study, demands)) > _NEARLY_MET:
         return _judged(study, np.inf, demands)
@@ -241,31 +255,12 @@ def _judged(study: Study, objective: float, demands: list[Demand]) -> Judgement:
     return Judgement(objective, sum(demand.excess for demand in made), made)
 
 
-def _loops(study: Study, design: LawDesign) -> list[SampledLoop]:
-    return [SampledLoop(design, model, study.spec.period_ns) for model in study.vehicle.models]
-
-
-def _slowness(study: Study, loops: Iterable[SampledLoop]) -> float:
-    """Return by how much the loops are too slow, at the shortest and the longest delay.
-
-    It leads a search out of regions where the count of slow loops is the same everywhere. Where
-    settling is not demanded, the shortest delay is enough, and its eigenvalues take no time.
-    """
-    demanded_1_s = study.spec.d_stability.settling_1_s
-    delays_ns = (0,) if "settling" in study.without else (0, study.spec.delays_ns[-1])
-    lacking = [
-        max(0.0, demanded_1_s - loop.decay_1_s(delay_ns))
-        for loop in loops
-        for delay_ns in delays_ns
-    ]
-    return sum(lacking) / len(lacking) / demanded_1_s
-
-
 def _region(study: Study, pd_design: LawDesign) -> list[Demand]:
     """Return how many loops of the PD alone fail each part of the D-stability."""
     table, period_ns = study.spec.d_stability, study.spec.period_ns
     parts = []
-    for loop in _loops(study, pd_design):
+    for model in study.vehicle.models:
+        loop = SampledLoop(pd_design, model, period_ns)
         for delay_ns in table.delays_ns:
             roots = in_s_plane(loop.closed_loop_poles(delay_ns), period_ns)
             parts.append(judge(table.demands, roots[None]))

@@ -128,8 +128,7 @@ def nearest(found: Found) -> str:
     """Return in words what the search came nearest with, and what that fails."""
     values = found.values.items()
     best = ", ".join(f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in values)
-    fails = "; ".join(failed(found.judgement)) or "unstable by its eigenvalues"
-    return f"the nearest ({best}) fails: {fails}"
+    return f"the nearest ({best}) fails: {'; '.join(failed(found.judgement))}"
 
 
 def failed(judgement: Judgement) -> list[str]:

@@ -1,4 +1,4 @@
-"""Stability, peak sensitivity and noise gain of the sampled loop, for many plants at once.
+"""Peak sensitivity and noise gain of the sampled loop, for many plants at once.
 
 With L = -P K, the loop cut at the command (P K is a sum over both where the law reads the heading
 error too):
@@ -10,14 +10,8 @@ error too):
     noise gain         standard deviation of the steer [rad] for white noise of 1 m standard
                        deviation on every measurement:  √(1/2π ∫ |K/(1 + L)|² dθ); on the heading
                        error HEADING_NOISE_1_M of that
-    stability          Nyquist's count on the circle |z| = e^{-σT}: the poles of the closed loop
-                       outside of it are those of the open loop outside of it, less the turns of
-                       1 + L around 0; none means that every mode decays faster than σ
 
 The matrices are those of ``controller.analysis.linear_system``.
-
-The count on a grid of points can miss an encirclement between two of them. It serves searches; the
-final result is confirmed with eigenvalues (``controller.analysis.sampled_loop``).
 """
 
 import math
@@ -35,7 +29,7 @@ from ...controller.analysis.linear_system import (
 from ...controller.analysis.loop_signals import HEADING_NOISE_1_M
 from ...controller.filters.transfer_function import Factor, TransferFunction
 from ...controller.laws.law_from_settings import LawDesign
-from ...runtime.array_types import ComplexArray, FloatArray, IntArray
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 
 
@@ -74,12 +68,11 @@ _OMEGA_RAD_S_MIN = 0.02
 
 
 class CircleGrid(NamedTuple):
-    """Plants on the upper half of |z| = e^{-σT}; ``plants`` of shape (2, corners, delays, Z)."""
+    """Plants on the upper half of |z| = 1; ``plants`` of shape (2, corners, delays, Z)."""
 
     angle_rad: FloatArray  # ωT, shape (Z,)
     z: ComplexArray
     plants: ComplexArray
-    poles_outside: IntArray  # of each corner's plant, shape (corners,)
 
 
 class LoopFigures(NamedTuple):
@@ -94,30 +87,12 @@ def circle_grid(
     delays_ns: Sequence[int],
     period_ns: int,
     points: int,
-    decay_1_s: float = 0.0,
 ) -> CircleGrid:
-    """Return the grid for the count of poles that decay more slowly than σ [1/s].
-
-    That of σ = 0, for sensitivity and noise gain, leaves z = 1 out.
-    """
-    period_s = period_ns / NS_PER_S
-    scale = min(0.5 * decay_1_s or math.inf, _OMEGA_RAD_S_MIN) * period_s
-    angle_rad = _spread(math.pi, scale, points)[0 if decay_1_s else 1 :]
-    radius = math.exp(-decay_1_s * period_s)
-    z = radius * np.exp(1j * angle_rad)
-    poles = [np.linalg.eigvals(held_plant(model, period_ns, 0).a) for model in models]
-    outside = np.array([np.count_nonzero(np.abs(each) > radius) for each in poles])
-    return CircleGrid(angle_rad, z, plant_responses(models, delays_ns, period_ns, z), outside)
-
-
-def slow_poles(grid: CircleGrid, design: LawDesign) -> IntArray:
-    """Return how many modes of each loop decay no faster than σ, shape (corners, delays)."""
-    distance = 1.0 - fed_back(grid.plants, triangular_law(design).response(grid.z))
-    # From ω = 0 to π; the lower half of the circle adds as many turns again.
-    turns = np.angle(distance[..., 1:] / distance[..., :-1]).sum(axis=-1) / math.pi
-    poles = np.abs(triangular_law(design).poles)
-    open_loop = grid.poles_outside[:, None] + int(np.count_nonzero(poles > abs(grid.z[0])))
-    return np.asarray(open_loop - np.rint(turns), dtype=np.int64)
+    """Return the grid, without z = 1."""
+    scale = _OMEGA_RAD_S_MIN * period_ns / NS_PER_S
+    angle_rad = _spread(math.pi, scale, points)[1:]
+    z = np.exp(1j * angle_rad)
+    return CircleGrid(angle_rad, z, plant_responses(models, delays_ns, period_ns, z))
 
 
 def loop_figures(grid: CircleGrid, design: LawDesign) -> LoopFigures:

@@ -1,4 +1,4 @@
-"""Linear tracking and loop figures: closed forms, eigenvalues, energy, and virtual time."""
+"""Linear tracking and loop figures: closed forms, energy, and virtual time."""
 
 import math
 
@@ -14,13 +14,11 @@ from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.linear_system import held_plant
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop
-from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from steer_by_wire.controller.history.echo_delay import LoopDelayParams
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws import PAPER_LAWS
-from steer_by_wire.controller.laws.law_from_settings import LawDesign, design_law
-from steer_by_wire.controller.laws.settings import LawSettings
+from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path.path import curvature
@@ -38,7 +36,6 @@ from steer_by_wire.tools.design.loop_figures import (
     circle_grid,
     loop_figures,
     plant_responses,
-    slow_poles,
 )
 from steer_by_wire.tools.design.tracking import (
     deviation_m,
@@ -202,49 +199,6 @@ def test_paths_corners_and_delays_do_not_mix() -> None:
 
 
 # Figures of the loop
-
-cutoffs = st.floats(0.3, 40.0)
-gains = st.floats(0.05, 4.0)
-
-
-def ddob(k_p: float, k_d: float, n: float, dob: float, cdob: float, washout: float) -> LawDesign:
-    vehicle = {"kind": "vehicle", **paper_box().nominal._asdict()}
-    return design_law(
-        LawSettings.model_validate(
-            {
-                "law": "pd_ddob",
-                "nominal_model": vehicle,
-                "pd": {
-                    "proportional_gain_rad_m": k_p,
-                    "derivative_gain_rad_s_m": k_d,
-                    "derivative_filter_rad_s": n,
-                },
-                "dob": {"q_cutoff_rad_s": dob, "q_kind": "type_2"},
-                "cdob": {"q_cutoff_rad_s": cdob, "washout_rad_s": washout},
-            }
-        )
-    )
-
-
-@settings(deadline=None, max_examples=60)
-@given(gains, gains, cutoffs, cutoffs, cutoffs, cutoffs, st.sampled_from([0.02, 0.3]))
-def test_the_count_of_slow_poles_is_that_of_the_eigenvalues(
-    k_p: float, k_d: float, n: float, dob: float, cdob: float, washout: float, decay_1_s: float
-) -> None:
-    design = ddob(k_p, 0.3 * k_d, n, dob, cdob, washout)
-    delays_ns = [0, 85 * MS_NS, 250 * MS_NS]
-    grid = circle_grid(MODELS[2:], delays_ns, PERIOD_NS, 400, decay_1_s)
-    counted = slow_poles(grid, design)
-    angle_rad = np.angle(grid.z)
-    for row, model in zip(counted, MODELS[2:], strict=True):
-        for count, delay_ns in zip(row, delays_ns, strict=True):
-            poles = SampledLoop(design, model, PERIOD_NS).closed_loop_poles(delay_ns)
-            decay = -np.log(np.maximum(np.abs(poles), 1e-300)) / PERIOD_S
-            # A pole closer to the circle than the points on it are to each other turns 1 + L
-            # between two of them, and the count may miss it.
-            step_rad = np.interp(np.abs(np.angle(poles)), angle_rad[:-1], np.diff(angle_rad))
-            if (np.abs(decay - decay_1_s) > np.maximum(0.03, step_rad / PERIOD_S)).all():
-                assert count == np.count_nonzero(decay < decay_1_s)
 
 
 @pytest.mark.parametrize("law", [*PAPER_LAWS, "pid_heading", "smith"])
