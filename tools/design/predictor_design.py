@@ -1,16 +1,21 @@
 """Designs the predictor: the noise that its filter assumes, and the weight in its feedback's cost.
 
 The gains of filter and feedback follow from these for every speed. Minimised is the RMS of the
-car's deviation once it has settled, the worst of every path, vehicle and delay. Limited are the
-peak sensitivity, how much of the noise of all sensors reaches the steer, and the largest deviation
-under each of the specification's conditions. The runs are compiled, with limits, quantisation and
-counters. The evolution strategy is the same as for the other laws.
+car's deviation once it has settled, the worst of every path, vehicle and delay; on a road, the
+largest deviation. Limited are the peak sensitivity, how much of the noise of all sensors reaches
+the steer, and the largest deviation under each of the specification's conditions. The runs are
+compiled, with limits, quantisation and counters. The evolution strategy is the same as for the
+other laws.
+
+Where the specification gives a margin of lag, the lag that the law believes in is searched too, and
+the loop has to meet its limits with the vehicle's own lag and with the believed one, which is the
+one that ``check`` assumes. Where it gives a noise of the yaw rate, the law reads that sensor.
 """
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import product
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
@@ -22,19 +27,23 @@ from ...controller.analysis.periodic_loop import PeriodicLoop, Responses, linear
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import least_margin_ns
 from ...controller.filters.nominal_model import NominalVehicle
+from ...controller.filters.settings import VehicleModelSettings
 from ...controller.history.echo_delay import LinkSettings
 from ...controller.laws.law_from_settings import design_law, required
+from ...controller.laws.packet import PacketSettings
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.prediction.gains_over_speed import EstimatorSettings
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.network.latency_distributions import Distribution
 from ...plant_emulator.network.settings import LatencySettings
+from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.settings import ActuatorSettings
 from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_MS
+from ...runtime.node import NS_PER_MS, NS_PER_S
 from .demands import Demand
+from .road import lag_of, road_plants
 from .search.evolution import Check, Search, SearchStoppedError, Values
-from .search.law_parameters import validity
+from .search.law_parameters import validity, with_set_point
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
 from .virtual_check import Driven, constant, drive, jittered, plant_settings
@@ -51,11 +60,22 @@ START = {
     "yaw_rate_noise_rad_s_sqrt_s": 0.05,
 }
 """What is searched, and from where."""
-_RANGE = 30.0
+START_WITH_YAW_RATE = {
+    "steer_per_error_rad_m": 0.3,
+    "steering_offset_walk_rad_sqrt_s": 0.0005,
+    "curvature_walk_1_m_sqrt_s": 0.008,
+    "yaw_rate_noise_rad_s_sqrt_s": 0.03,
+    "side_slip_noise_rad_sqrt_s": 0.0005,
+    "yaw_rate_sensor_noise_rad_s": 0.002,
+}
+"""The same where the law reads the yaw rate."""
+_RANGE, _RANGE_WITH_YAW_RATE = 30.0, 6.0
 """Factor by which the search may leave the start."""
 _SPREAD = 0.1
 """Standard deviation of the first generation, as a share of the range: 0.3 decades."""
 _DIGITS = 2
+_FAR = 1.5
+"""Times the least cost."""
 
 
 class Task(NamedTuple):
@@ -75,6 +95,46 @@ class Task(NamedTuple):
         """The vehicles that are judged."""
         return self.vehicle.box.grid(self.table.values_per_range)
 
+    @property
+    def steering_s(self) -> tuple[float, float]:
+        """The dead time of the steering, in whole periods, and what is left of it with the lag."""
+        spec = self.spec
+        if spec.road is None:
+            return 0.0, 0.0
+        steering = self.plants(LatencySettings(), 0.0, 1)[0].actuator
+        period_s = spec.period_ns / NS_PER_S
+        dead_s = period_s * (steering.dead_time_s // period_s)
+        return round(dead_s, 9), steering.lag_s + steering.dead_time_s - dead_s
+
+    @property
+    def loop_models(self) -> list[LoopModel]:
+        """The vehicles of the linear figures, with the lag that they have besides a dead time."""
+        spec = self.spec
+        if spec.road is None:
+            return [LoopModel(vehicle) for vehicle in self.vehicles]
+        plants = self.plants(LatencySettings(), 0.0, 1)
+        return [
+            LoopModel(
+                NominalVehicle(**each.model_dump(include=set(NominalVehicle._fields))),
+                max(lag_s - self.steering_s[0], 0.0),
+            )
+            for each, lag_s in dict.fromkeys((plant.vehicle, lag_of(plant)) for plant in plants)
+        ]
+
+    def plants(self, latency: LatencySettings, lag_s: float, seed: int) -> list[PlantSettings]:
+        """Return the plant of every path and vehicle, behind more lag than they have."""
+        spec = self.spec
+        if spec.road is not None:
+            duration_s = spec.course.duration_s
+            return road_plants(spec.road, self.vehicle, latency, duration_s, lag_s, seed)
+        return [
+            plant_settings(
+                spec.period_ns, vehicle, path, spec.course.duration_s, latency,
+                seed=seed, actuator=ActuatorSettings(lag_s=lag_s),
+            )
+            for path, vehicle in product(spec.course.paths, self.vehicles)
+        ]  # fmt: skip
+
 
 def runs(
     task: Task,
@@ -84,14 +144,7 @@ def runs(
     seed: int = 1,
 ) -> list[Driven]:
     """Return the run of every path and vehicle with a latency of the commands."""
-    course = task.spec.course
-    plants = [
-        plant_settings(
-            settings.period_ns, vehicle, path, course.duration_s, latency,
-            seed=seed, actuator=ActuatorSettings(lag_s=lag_s),
-        )
-        for path, vehicle in product(course.paths, task.vehicles)
-    ]  # fmt: skip
+    plants = task.plants(latency, lag_s, seed)
     plan = schedule_run(plants[0], settings)
     return list(task.pool.map(lambda plant: drive(task.spec, plant, settings, plan), plants))
 
@@ -126,15 +179,30 @@ class LinearFigures(NamedTuple):
     noise_gain_rad_m: float
 
 
+def road_errors_m(task: Task, settings: ControllerSettings, delay_ns: int) -> tuple[float, float]:
+    """Return the largest deviation of the car, and that of the heavier and softer one."""
+    seeds = range(1, task.table.seeds + 1)
+    found = [runs(task, settings, constant(delay_ns), seed=seed) for seed in seeds]
+    half = len(found[0]) // 2
+    known, other = (
+        worst_m(chain.from_iterable(each[part] for each in found), "largest_m")
+        for part in (slice(None, half), slice(half, None))
+    )
+    return known, other
+
+
 def linear_figures(
     task: Task, settings: ControllerSettings, delays_ns: Sequence[int]
 ) -> LinearFigures:
     """Return the figures of the loop; it has to be stable beyond the range by the margin too."""
     design, loop_delay = design_law(linear(settings)), settings.loop_delay
     responses: Responses = {}  # the law's own, at each speed
+    believed_s = settings.estimator.actuator_lag_s
+    own = task.loop_models
+    models = [*own, *(model._replace(actuator_lag_s=believed_s) for model in own)]
     loops = [
-        PeriodicLoop(design, loop_delay, LoopModel(vehicle), responses=responses)
-        for vehicle in task.vehicles
+        PeriodicLoop(design, loop_delay, model, responses=responses)
+        for model in dict.fromkeys(models)
     ]
     beyond_ns = task.table.delays_ns[-1] + round(task.table.margin_ms * NS_PER_MS)
     if not all(loop.is_stable(each) for loop in loops for each in (*delays_ns, beyond_ns)):
@@ -154,6 +222,7 @@ class PredictorDesign(NamedTuple):
     ``linear``           worst vehicle and delay
     ``jitter_rms_m``     worst path and vehicle of each jitter of the specification, settled
     ``conditions_m``     largest error under each of the specification's conditions
+    ``road_m``           on a road, ``road_errors_m`` at each of ``delays_ns``; else empty
     ``fallback_up_to_ns``  constant delay up to which every corner is stable with the pd_ddob that
                          takes over without echoes; at most DELAY_NS_MAX of the analysis
     ``ended``            whether the search came to its end; otherwise this is its best so far
@@ -171,6 +240,7 @@ class PredictorDesign(NamedTuple):
     jitter_rms_m: tuple[float, ...]
     conditions_m: tuple[float, ...]
     fallback_up_to_ns: int
+    road_m: FloatArray
     ended: bool = True
 
 
@@ -179,8 +249,17 @@ def predictor_demands(spec: Specification, design: PredictorDesign) -> tuple[Dem
 
     The conditions are named by their number, as they stand in the specification.
     """
+    road = spec.road
+    if road is None:
+        errors = [Demand("RMS error", float(design.rms_m.max()), RMS_M_MAX)]
+    else:
+        known_m, other_m = design.road_m.max(axis=0).tolist()
+        errors = [
+            Demand("largest error", known_m, road.error_m_max),
+            Demand("heavy and soft", other_m, road.off_error_m_max),
+        ]
     return (
-        Demand("RMS error", float(design.rms_m.max()), RMS_M_MAX),
+        *errors,
         Demand("peak sensitivity", design.peak_sensitivity, spec.peak_sensitivity_max),
         Demand("noise gain", design.noise_gain_rad_m, spec.noise_gain_rad_m_max),
         *(
@@ -203,30 +282,56 @@ def design_predictor(
 
     ``near``  known designs, near each of which a start begins; then one in the middle of the ranges
     """
-    ranges = {key: (value / _RANGE, value * _RANGE) for key, value in START.items()}
     ended = True
     with ThreadPoolExecutor(_THREADS) as pool:
         task = Task(pool, spec, vehicle)
+        ranges, middle = _ranges(task)
 
         def cost(values: Values) -> float:
             if search.judged:
                 check()
             try:
-                return _cost(task, _settings(task.table, vehicle, fallback, values))
+                return _cost(task, _settings(task, fallback, values), search.least)
             except ValidationError:
                 return LEFT_M * LEFT_M
 
         search = Search(cost, ranges, _DIGITS)
         try:
-            for start, place in enumerate((*near, START)):
+            for start, place in enumerate((*near, middle)):
                 seed = spec.search.seed + start
                 for _ in search.evolve(seed, task.table.generations, place, _SPREAD):
                     check()
         except SearchStoppedError:
             ended = False
         (best,) = search.best(1)
-        design = describe_predictor(task, _settings(task.table, vehicle, fallback, best))
+        design = describe_predictor(task, _settings(task, fallback, best))
         return design._replace(judged=search.judged, ended=ended, values=best)
+
+
+def _ranges(task: Task) -> tuple[dict[str, tuple[float, float]], Values]:
+    """Return between which values each parameter is searched, and where the search starts."""
+    table = task.table
+    start, factor = dict(START), _RANGE
+    if table.yaw_rate_noise_rad_s is not None:
+        start, factor = dict(START_WITH_YAW_RATE), _RANGE_WITH_YAW_RATE
+    ranges = {key: (value / factor, value * factor) for key, value in start.items()}
+    if table.lag_margin_ms is not None:
+        _, own_s = task.steering_s
+        low_s, high_s = (own_s + 1e-3 * margin_ms for margin_ms in table.lag_margin_ms)
+        ranges["actuator_lag_s"], start["actuator_lag_s"] = (
+            (low_s, high_s),
+            math.sqrt(low_s * high_s),
+        )
+    return ranges, start
+
+
+def plan_ahead(
+    spec: Specification, vehicle: VehicleFile, predictor: ControllerSettings
+) -> PredictorDesign:
+    """Return the packet that sends a predictor's commands ahead of time."""
+    settings = predictor.model_copy(update={"law": "packet", "packet": PacketSettings()})
+    with ThreadPoolExecutor(_THREADS) as pool:
+        return describe_predictor(Task(pool, spec, vehicle), settings)
 
 
 def design_values(settings: ControllerSettings) -> Values:
@@ -242,6 +347,8 @@ def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDes
     """Return the figures of a predictor."""
     spec, delays_ns = task.spec, task.table.delays_ns
     columns = [runs(task, settings, constant(delay_ns)) for delay_ns in delays_ns]
+    on_road = () if spec.road is None else delays_ns
+    road_m = [road_errors_m(task, settings, delay_ns) for delay_ns in on_road]
     return PredictorDesign(
         settings,
         {},
@@ -254,6 +361,7 @@ def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDes
         tuple(worst_m(runs(task, settings, jittered(one))) for one in spec.jitter),
         tuple(largest_error_m(task, settings, met) for met in task.table.conditions),
         _fallback_up_to_ns(task.vehicle, settings),
+        np.array(road_m),
     )
 
 
@@ -266,13 +374,26 @@ def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> in
     )
 
 
-def _cost(task: Task, settings: ControllerSettings) -> float:
-    """Return the worst RMS at both ends of the delays and half-way; more for what is exceeded."""
-    last_ns = task.table.delays_ns[-1]
-    delays_ns = (0, last_ns // 2, last_ns)
-    rms_m = max(worst_m(runs(task, settings, constant(delay_ns))) for delay_ns in delays_ns)
-    exceeded = (share for share in _shares(task, settings) if share > 1.0)
-    return max(rms_m, LEFT_M * next(exceeded, 0.0))
+def _cost(task: Task, settings: ControllerSettings, least: float) -> float:
+    """Return the worst error at both ends of the delays and half-way; more for what is exceeded.
+
+    That is the RMS, or on a road the largest deviation; the other car's counts in proportion.
+    ``least``  the least cost so far: a road that costs far more is not driven at other delays
+    """
+    exceeded = next((share for share in _shares(task, settings) if share > 1.0), 0.0)
+    if exceeded:
+        return LEFT_M * exceeded
+    last_ns, road, error_m = task.table.delays_ns[-1], task.spec.road, 0.0
+    for delay_ns in (last_ns, last_ns // 2, 0):
+        if road is None:
+            of_delay_m = worst_m(runs(task, settings, constant(delay_ns)))
+        else:
+            known_m, other_m = road_errors_m(task, settings, delay_ns)
+            of_delay_m = max(known_m, other_m * road.error_m_max / road.off_error_m_max)
+        error_m = max(error_m, of_delay_m)
+        if road is not None and error_m > _FAR * least:
+            break
+    return error_m
 
 
 def _shares(task: Task, settings: ControllerSettings) -> Iterator[float]:
@@ -285,13 +406,9 @@ def _shares(task: Task, settings: ControllerSettings) -> Iterator[float]:
         yield largest_error_m(task, settings, met) / met.error_m_max
 
 
-def _settings(
-    table: PredictorTable,
-    vehicle: VehicleFile,
-    fallback: ControllerSettings,
-    values: Values,
-) -> ControllerSettings:
+def _settings(task: Task, fallback: ControllerSettings, values: Values) -> ControllerSettings:
     """Return the settings of a point of the search."""
+    table, vehicle = task.table, task.vehicle
     box = {name: (low, high) for name, low, high in vehicle.box.ranges}
     speed = vehicle.vehicle.speed_m_s
     low, high = box.get("speed_m_s", (speed, speed))
@@ -303,7 +420,8 @@ def _settings(
         measures_mass=table.measures_mass,
         lateral_acceleration_m_s2_max=table.lateral_acceleration_m_s2_max,
     )
-    return ControllerSettings(
+    tables["nominal_model"] = VehicleModelSettings(**vehicle.vehicle.model_dump())
+    settings = ControllerSettings(
         **tables,
         law="predictor",
         validity=validity(vehicle, table.delay_ms_max),
@@ -314,8 +432,10 @@ def _settings(
         estimator=EstimatorSettings(
             lateral_error_noise_m=table.lateral_error_noise_m,
             heading_error_noise_rad=table.heading_error_noise_rad,
+            actuator_dead_time_s=task.steering_s[0],
             speed_m_s_min=round(0.5 * low, 2),
             speed_m_s_max=round(1.5 * high, 2),
             **{key: value for key, value in values.items() if key != "steer_per_error_rad_m"},
         ),
     )
+    return with_set_point(task.spec, settings)

@@ -24,7 +24,7 @@ from .demands import Demand
 from .frontier.frontier import run_frontier
 from .frontier.settings import FrontierSettings
 from .law_design import Design, design, nearest, verify
-from .predictor_design import design_predictor, predictor_demands
+from .predictor_design import design_predictor, plan_ahead, predictor_demands
 from .report import (
     STOPPED,
     UNITS,
@@ -35,14 +35,15 @@ from .report import (
     preset_text,
     unmet_text,
 )
+from .road import on_road
 from .search.evolution import ends_after
 from .search.law_parameters import KEYS, SETTINGS_KEYS, controller_settings, with_set_point
 from .search.parameter_search import Found
 from .specification import Specification
-from .vehicle_file import VehicleFile
+from .vehicle_file import VehicleFile, load_vehicle
 from .virtual_check import course_line, plant_text, refuse_what_the_plant_does_not_drive
 
-PREDICTOR = "predictor"
+PREDICTOR, PACKET = "predictor", "packet"
 
 
 class Job(NamedTuple):
@@ -50,7 +51,7 @@ class Job(NamedTuple):
 
     ``sources``   names of the files of vehicle and specification
     ``minutes``   after which the search ends with its best so far
-    ``fallback``  the pd_ddob that a predictor falls back to
+    ``basis``     the pd_ddob that a predictor falls back to, or the predictor of a packet
     """
 
     spec: Specification
@@ -60,7 +61,7 @@ class Job(NamedTuple):
     preset_folder: Path
     picture_folder: Path
     minutes: float
-    fallback: ControllerSettings | None = None
+    basis: ControllerSettings | None = None
 
 
 class Outcome(NamedTuple):
@@ -70,6 +71,7 @@ class Outcome(NamedTuple):
     ``text``    of its file
     ``error``   why it is no design; empty if it is one
     ``design``  of a linear law that meets all demands
+    ``preset``  of a predictor that meets them
     ``ended``   whether the search came to its end
     """
 
@@ -78,12 +80,13 @@ class Outcome(NamedTuple):
     text: str
     error: str = ""
     design: Design | None = None
+    preset: ControllerSettings | None = None
     ended: bool = True
 
 
 def run_job(job: Job) -> Outcome:
     """Design a law and write its preset and its picture; what meets not all demands, as unmet."""
-    found = _predictor(job) if job.law == PREDICTOR else _linear_law(job)
+    found = _linear_law(job) if job.law in KEYS else _predictor(job)
     name, folder = f"{job.spec.name}_{job.law}", job.preset_folder
     preset, unmet = folder / f"{name}.toml", folder / f"{name}.unmet.toml"
     if found.error:
@@ -121,18 +124,23 @@ def _linear_law(job: Job) -> Outcome:
 
 
 def _predictor(job: Job) -> Outcome:
-    spec, vehicle = job.spec, job.vehicle
-    check = ends_after(job.minutes)
-    design = design_predictor(spec, vehicle, required(job.fallback), check)
-    judged = f"predictor  ({design.judged} sets of parameters judged)"
+    spec, vehicle, law, basis = job.spec, job.vehicle, job.law, required(job.basis)
+    if law == PREDICTOR:
+        design = design_predictor(spec, vehicle, basis, ends_after(job.minutes))
+    elif basis.estimator.actuator_dead_time_s:
+        error = f"{law}: no design; a plan cannot allow for the dead time of the steering"
+        return Outcome((), (), unmet_text(law, basis, (), job.sources), error)
+    else:
+        design = plan_ahead(spec, vehicle, basis)
+    judged = f"{law}  ({design.judged} sets of parameters judged)"
     lines = ("", judged, *_table(predictor_figures(spec, design)))
     demands = predictor_demands(spec, design)
     if count := sum(demand.excess > 0.0 for demand in demands):
-        text = unmet_text(PREDICTOR, design.settings, demands, job.sources)
-        error = f"predictor: {count} of {len(demands)} demands are not met"
+        text = unmet_text(law, design.settings, demands, job.sources)
+        error = f"{law}: {count} of {len(demands)} demands are not met"
         return Outcome(lines, demands, text, error)
     text = preset_text(spec, vehicle, design, job.sources)
-    return Outcome(lines, demands, text, ended=design.ended)
+    return Outcome(lines, demands, text, preset=design.settings, ended=design.ended)
 
 
 def _table(figures: Iterable[tuple[str, str]]) -> tuple[str, ...]:
@@ -147,7 +155,7 @@ WORKERS = 2
 def run_design(options: argparse.Namespace) -> int:
     """Design what was asked for; returns the exit status."""
     begin_s = time.perf_counter()
-    vehicle = load_settings(VehicleFile, None, options.vehicle)
+    vehicle = load_vehicle(options.vehicle)
     if options.frontier is not None:
         if options.json is not None:
             raise SettingsError("--json: --frontier writes frontier.csv")
@@ -156,6 +164,7 @@ def run_design(options: argparse.Namespace) -> int:
         print(f"{time.perf_counter() - begin_s:.0f} s")
         return ExitStatus.OK
     spec = load_settings(Specification, None, options.spec, options.overrides)
+    vehicle = vehicle if spec.road is None else on_road(spec.road, vehicle)
     refuse_what_the_plant_does_not_drive(spec, vehicle)
     course = course_line(spec, vehicle)
     pictures = options.pictures or options.out
@@ -165,7 +174,7 @@ def run_design(options: argparse.Namespace) -> int:
         f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst rms"
     )
     print(course)
-    laws = [*linear_laws(spec), *({PREDICTOR} & set(spec.laws))]
+    laws = [*linear_laws(spec), *(law for law in (PREDICTOR, PACKET) if law in spec.laws)]
     sources = (options.vehicle.name, options.spec.name)
     jobs = {
         law: Job(spec, vehicle, law, sources, options.out, pictures, options.minutes)
@@ -191,14 +200,16 @@ def run_design(options: argparse.Namespace) -> int:
                 status = status if held else NO_DESIGN
             if law == FALLBACK and spec.predictor is not None:
                 fallback = fallback or design.preset
-        if PREDICTOR in jobs and fallback is None:
-            text = "error: predictor: there is no pd_ddob for it to fall back to"
-            say(NAME, text, sys.stderr)
-            status = NO_DESIGN
-        elif PREDICTOR in jobs:
-            job = jobs[PREDICTOR]._replace(fallback=fallback)
-            figures[PREDICTOR] = _print(pool.submit(run_job, job).result())
-            status = status if figures[PREDICTOR]["is_met"] else NO_DESIGN
+        basis, needed = fallback, "pd_ddob for it to fall back to"
+        for law in laws[len(linear_laws(spec)) :]:
+            if basis is None:
+                say(NAME, f"error: {law}: there is no {needed}", sys.stderr)
+                status = NO_DESIGN
+                continue
+            outcome = pool.submit(run_job, jobs[law]._replace(basis=basis)).result()
+            figures[law] = _print(outcome)
+            status = NO_DESIGN if outcome.error else status
+            basis, needed = outcome.preset, "predictor whose commands it plans"
     if options.json is not None:
         write_json(options.json, {"specification": spec.model_dump(mode="json"), "laws": figures})
     print(f"\nplant for these: {rig}")

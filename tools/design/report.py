@@ -33,6 +33,7 @@ _TITLES = {
     "pd_cdob": "PD with communication disturbance observer",
     "pd_ddob": "PD with double disturbance observer",
     "predictor": "Predictor",
+    "packet": "Plans of commands",
 }
 _DEMAND_UNITS = {**NUMBER_UNITS, "condition": " m"}
 _JUDGED_LAST = ("RMS error", "steer")
@@ -55,7 +56,8 @@ def preset_text(
     """
     if isinstance(design, PredictorDesign):
         delays = f"delay from 0 to {design.delays_ns[-1] / NS_PER_MS:g} ms, measured by the echo."
-        law, judged, ended = "predictor", f"{design.vehicles} vehicles", design.ended
+        law, ended = design.settings.law, design.ended
+        judged = f"{design.vehicles} vehicles"
         figures, settings = predictor_figures(spec, design), design.settings
     else:
         delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
@@ -76,12 +78,14 @@ def preset_text(
 def predictor_figures(spec: Specification, design: PredictorDesign) -> Iterator[tuple[str, str]]:
     """Yield a heading and a figure, line by line."""
     table = required(spec.predictor)
-    for ns, rms_m, settled_m in zip(
-        design.delays_ns, design.rms_m, design.settled_rms_m, strict=True
-    ):
+    delays_ms = [delay_ns // NS_PER_MS for delay_ns in design.delays_ns]
+    for ms, (known_m, other_m) in zip(delays_ms, design.road_m, strict=False):
+        other = f"{other_m:.3f} m {100.0 * required(spec.road).off_share:g} % heavier and softer"
+        yield "largest error", f"{known_m:.3f} m at {ms} ms, {other}"
+    for ms, rms_m, settled_m in zip(delays_ms, design.rms_m, design.settled_rms_m, strict=True):
         yield (
             "RMS error",
-            f"{settled_m:.4f} m at {ns // NS_PER_MS} ms from {spec.ignore_s:g} s on,"
+            f"{settled_m:.4f} m at {ms} ms from {spec.ignore_s:g} s on,"
             f" {rms_m:.4f} m from the start",
         )
     yield from _jitters(spec, design.jitter_rms_m, "gamma, newest wins")

@@ -103,7 +103,7 @@ class CourseTable(Settings):
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)]
     friction: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
     friction_share_max: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
-    paths: Annotated[tuple[PathSettings, ...], Field(min_length=1, max_length=20)]
+    paths: Annotated[tuple[PathSettings, ...], Field(max_length=20)] = ()
 
 
 class JitterTable(Settings):
@@ -134,9 +134,28 @@ class ConditionsTable(Settings):
     error_m_max: PositiveFloat
 
 
+class RoadTable(Settings):
+    """`[predictor.road]`: the roads of a study, in place of the course.
+
+    ``study``        a file, or a study that comes with the program
+    ``error_m_max``  largest deviation of the vehicle, with the tyres of its own [car]
+    ``off_error_m_max``  the same of one that is heavier and softer by ``off_share``
+    """
+
+    study: str = "holding_the_road"
+    error_m_max: PositiveFloat
+    off_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.2
+    off_error_m_max: PositiveFloat
+
+
 class PredictorTable(Settings):
     """`[predictor]`: how the predictor is judged, besides its peak sensitivity and noise gain.
 
+    ``road``                    in place of the course
+    ``lag_margin_ms``           by how much more lag the law believes in than the steering has, for
+                                play, tyres and the safe side; searched between the two; none:
+                                it believes in no lag
+    ``yaw_rate_noise_rad_s``    of the sensor; none: the law does not read it
     ``conditions``              judged with the seeds 1 to ``seeds``
     ``values_per_range``        2: the corners of the box; more: also between them
     ``measures_lag``, ``measures_mass``, ``lateral_acceleration_m_s2_max``  become the preset's
@@ -149,6 +168,9 @@ class PredictorTable(Settings):
                                 filter assumes it
     """
 
+    road: RoadTable | None = None
+    lag_margin_ms: tuple[DelayMs, DelayMs] | None = None
+    yaw_rate_noise_rad_s: Annotated[float, Field(ge=1e-6, le=10.0)] | None = None
     conditions: tuple[ConditionsTable, ...] = ()
     seeds: Annotated[int, Field(ge=1, le=100)] = 2
     values_per_range: Annotated[int, Field(ge=2, le=9)] = 2
@@ -249,6 +271,11 @@ class Specification(Settings):
         """The delays to be survived behind the lag of the steering [ns]."""
         return () if self.actuator is None else self.delay.up_to_ns(self.actuator.delay_ms_max)
 
+    @property
+    def road(self) -> RoadTable | None:
+        """What stands in for the course."""
+        return None if self.predictor is None else self.predictor.road
+
     def rms_m_max_of(self, law: str) -> float | None:
         """Return the largest RMS of a law [m]."""
         value: float | None = getattr(self.rms_m_max, controller_law(law))
@@ -280,10 +307,16 @@ class Specification(Settings):
             raise ValueError("laws must name at least one law")
         if len(set(self.laws)) < len(self.laws):
             raise ValueError("laws names a law twice")
-        unknown = set(self.laws) - {*PAPER_LAWS, "pid", "predictor"}
+        unknown = set(self.laws) - {*PAPER_LAWS, "pid", "predictor", "packet"}
         if unknown:
             names = ", ".join(sorted(unknown))
             raise ValueError(f"laws: {names} cannot be designed here")
+        if "packet" in self.laws and "predictor" not in self.laws:
+            raise ValueError("law 'packet' needs 'predictor' among the laws")
+        if not self.course.paths and (
+            self.road is None or set(self.laws) - {"predictor", "packet"}
+        ):
+            raise ValueError("course.paths is empty: only laws on [predictor.road] need none")
         if "predictor" in self.laws:
             if self.predictor is None:
                 raise ValueError("law 'predictor' needs the table [predictor]")

@@ -5,18 +5,26 @@ virtual_mass_kg = 2000
 ...
 [uncertainty]                          any of the same keys, as [minimum, maximum]
 virtual_mass_kg = [1600, 5000]
+
+[car] and [actuator], as the plant's, are for designs on a road. A folder of ``steer-by-wire
+identify`` has [actuator] in a file of its own.
 """
 
+from math import sqrt
+from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import model_validator
 
+from ...closed_loop.identification.vehicle_file import IdentifiedSettings
 from ...closed_loop.parameter_space.uncertainty import ParameterRange, UncertaintyBox
 from ...controller.filters.nominal_model import steer_to_lateral_error
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.limits.designed_ranges import VehicleRanges
-from ...runtime.settings import Settings
+from ...plant_emulator.vehicle.car.settings import CarSettings
+from ...plant_emulator.vehicle.settings import LAG_S_MIN, ActuatorSettings
+from ...runtime.settings import Settings, SharedTable, load_settings, read_table
 
 _RANGES_MAX = 6
 """2^6 corners; more would take too long."""
@@ -34,9 +42,27 @@ class VehicleFile(Settings):
     vehicle: VehicleTable
     uncertainty: VehicleRanges = VehicleRanges()
     """[minimum, maximum] of any of the vehicle's parameters."""
-    car: dict[str, Any] | None = None
-    identified: dict[str, float] | None = None
-    """Both are in files of ``steer-by-wire identify``; a design needs neither."""
+    car: CarSettings | None = None
+    actuator: ActuatorSettings | None = None
+    identified: IdentifiedSettings | None = None
+    """Of ``steer-by-wire identify``; its delay and lag count where there is no [actuator]."""
+
+    @property
+    def steering(self) -> dict[str, Any]:
+        """Return what is known of the actuator, by its keys."""
+        if self.actuator is not None:
+            return self.actuator.model_dump(exclude_unset=True)
+        if self.identified is None:
+            return {}
+        total_s = max(self.identified.delay_and_lag_s, 0.0)
+        lag_s = min(sqrt(self.identified.lag_squared_s2), total_s)
+        return {"lag_s": lag_s if lag_s >= LAG_S_MIN else 0.0, "dead_time_s": total_s - lag_s}
+
+    def between_speeds(self, low_m_s: float, high_m_s: float) -> Self:
+        """Return the vehicle between two speeds, with the mean as its nominal one."""
+        of_box = self.uncertainty.model_copy(update={"speed_m_s": (low_m_s, high_m_s)})
+        nominal = self.vehicle.model_copy(update={"speed_m_s": 0.5 * (low_m_s + high_m_s)})
+        return self.model_copy(update={"vehicle": nominal, "uncertainty": of_box})
 
     @property
     def box(self) -> UncertaintyBox:
@@ -72,3 +98,14 @@ class VehicleFile(Settings):
                     f" {minimum:g} to {maximum:g}"
                 )
         return self
+
+
+def load_vehicle(source: Path) -> VehicleFile:
+    """Return the vehicle of a file, or of a folder of ``identify``; raises SettingsError."""
+    if not source.is_dir():
+        return load_settings(VehicleFile, None, source)
+    file = source / "actuator.toml"
+    shared = None
+    if file.exists():
+        shared = SharedTable(str(file), {"actuator": read_table(file, "actuator")})
+    return load_settings(VehicleFile, None, source / "vehicle.toml", shared=shared)

@@ -27,6 +27,7 @@ from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
+from .road import road_plants, roads_of
 from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile
 
@@ -85,7 +86,10 @@ def plant_settings(
 def plant_text(spec: Specification, vehicle: VehicleFile) -> str:
     """Return the TOML of the plant that the designs are for: nominal vehicle, first path."""
     nominal, course, line = vehicle.vehicle.vehicle, spec.course, LatencySettings()
-    plant = plant_settings(spec.period_ns, nominal, course.paths[0], course.duration_s, line)
+    if spec.road is None:
+        plant = plant_settings(spec.period_ns, nominal, course.paths[0], course.duration_s, line)
+    else:
+        plant = road_plants(spec.road, vehicle, line, course.duration_s)[0]
     return (
         f"# The plant to the controllers of {spec.name}, as in the runs that confirm them,\n"
         "# without latency.\n" + dump_toml(plant)
@@ -98,6 +102,8 @@ def refuse_what_the_plant_does_not_drive(spec: Specification, vehicle: VehicleFi
         build_path(path)
     try:
         plants(spec, vehicle, [LatencySettings()])
+        if spec.road is not None:
+            road_plants(spec.road, vehicle, LatencySettings(), spec.course.duration_s)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
@@ -109,6 +115,8 @@ def refuse_what_the_plant_does_not_drive(spec: Specification, vehicle: VehicleFi
 
 def course_line(spec: Specification, vehicle: VehicleFile) -> str:
     """Return what the bends ask of the tyres; raises SettingsError where that is too much."""
+    if spec.road is not None:
+        return f"{len(roads_of(spec.road.study))} roads of the study {spec.road.study}"
     speed_m_s = max(corner.speed_m_s for corner in vehicle.box.vertices())
     course, paths = spec.course, (build_path(path) for path in spec.course.paths)
     asked_m_s2 = max(lateral_acceleration_m_s2(path, speed_m_s) for path in paths)
