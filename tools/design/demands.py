@@ -154,7 +154,7 @@ class DecayDemand(NamedTuple):
     """How fast every mode of a law has to decay around these plants, at each delay."""
 
     models: Sequence[TransferFunction]
-    delays_ns: Sequence[int]
+    delays_ns: tuple[int, ...]
     decay_1_s: float
 
 
