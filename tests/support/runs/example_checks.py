@@ -60,11 +60,10 @@ def check_own_disturbance(runs: Any) -> None:
     assert 0.4 < ddob < pd < 1.5
 
 
-def check_felt_delay(swings: Any) -> None:
-    late, damped, observed = swings.values()
-    assert max(late[:3]) < 0.01 < 1.0 < min(late[4:])  # 116 ms, as run says
-    assert max(damped[:5]) < 0.01 < damped[-1]
-    assert max(observed) < 0.01
+def check_felt_delay(grown: Any) -> None:
+    for farther_in, inside, _, outside in grown.values():
+        assert farther_in < inside < 0.8
+        assert outside > 5.0
 
 
 def check_own_law(runs: Any) -> None:
