@@ -86,6 +86,8 @@ def load_database(path: Path) -> "Database":
     if encoding == "utf-8" and kind in {"dbc", "sym"}:  # as Vector's and PEAK's tools write them
         encoding = "cp1252"
     text = raw.decode(encoding, errors="replace")
+    if "\0" in text:
+        raise SettingsError(f"{path}: is a binary file, no database of CAN messages")
     with bounded(path):
         try:
             database = cantools.database.load_string(
@@ -99,10 +101,8 @@ def load_database(path: Path) -> "Database":
             cause = one_line(inner)
             if not isinstance(inner, cantools.database.errors.Error | textparser.Error):
                 cause = f"a line or number that the format does not have ({cause})"
-            what = f"no .{kind} file that cantools reads"
-            raise SettingsError(
-                f"{path}: {what}: {cause}; save it again with its editor"
-            ) from error
+            what = f"no {kind and f'.{kind} '}file that cantools reads: {cause}"
+            raise SettingsError(f"{path}: {what}; save it again with its editor") from error
     if not isinstance(database, cantools.database.Database):
         raise SettingsError(f"{path}: not a database of CAN messages")
     for message in database.messages:

@@ -54,10 +54,11 @@ class BusError(UserError):
 def one_line(error: BaseException) -> str:
     """Return the text of an error on one line, its type where it has no text.
 
-    Some libraries put a traceback into the text.
+    Some libraries put a traceback into the text, or bytes of a file, each as long as its escape.
     """
     text = str(error).partition("Traceback (most recent call last)")[0]
-    return shorten(text, LENGTH_MAX, placeholder=" ...") or type(error).__name__
+    shown = printable(" ".join(text.split()))
+    return shorten(shown, LENGTH_MAX, placeholder=" ...") or type(error).__name__
 
 
 def printable(text: str) -> str:

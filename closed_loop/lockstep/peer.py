@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, Self, cast
 
 from ...runtime.exit_status import printable
+from ...runtime.settings import SettingsError
 from ..processes.process_group import ProcessError
 from .record import RECORD_BYTES, Record, RecordError, check_mark, pack, unpack
 
@@ -131,14 +132,14 @@ class LockstepLibrary:
 
     A copy of the file is loaded: its variables are new in every run, also in runs side by side.
 
-    Raises ProcessError when it cannot be loaded.
+    Raises ProcessError when it cannot be loaded, SettingsError for words behind its name.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
         file = command[0]
         self.name = os.path.basename(file)
         if len(command) > 1:
-            raise ProcessError(f"{file}: a shared library takes no words: leave out {command[1]}")
+            raise SettingsError(f"{file}: a shared library takes no words: leave out {command[1]}")
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder, self.name)
             try:

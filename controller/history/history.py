@@ -70,6 +70,7 @@ class YawRates(NamedTuple):
     ``first``, ``every``  the sample of counter 0, modulo COUNTERS, and from one to the next
     ``states``, ``late``  of those compared with the clock: how many, and by how many samples in all
     ``begin_*``           counter and arrival before the first of these
+    ``newest_*``          of the newest
     """
 
     sample: int
@@ -79,6 +80,8 @@ class YawRates(NamedTuple):
     late: float
     begin_counter: int
     begin_ns: int
+    newest_counter: int
+    newest_ns: int
 
 
 class Commands(NamedTuple):
@@ -91,7 +94,7 @@ class Commands(NamedTuple):
 NO_ERRORS = Errors(-1, 0, NO_RATE)
 NO_ECHOES = Echoes(-1, 0, NO_DELAY)
 NO_COMMANDS = Commands(0, -1)
-NO_YAW_RATES = YawRates(-1, 0, 0, 0, 0.0, 0, 0)
+NO_YAW_RATES = YawRates(-1, 0, 0, 0, 0.0, 0, 0, 0, 0)
 
 
 def error_step(
@@ -132,7 +135,8 @@ def yaw_rate_step(
     """Store a yaw rate at the sample at which it was taken, whenever it comes.
 
     The plant counts a VEHICLE_STATE every ``yaw_rate_samples``, from its first sample on. Where a
-    sender began or counts otherwise, the clock shows it: at the first frame, and in the mean.
+    sender began or counts otherwise, the clock shows it: at the first frame, and in the mean. The
+    mean begins again where counter and clock disagree at once, as when the plant starts again.
     """
     every, first = x.every or p.loop_delay.yaw_rate_samples, x.first
     if every == 0 or errors.sample < 0:
@@ -142,17 +146,20 @@ def yaw_rate_step(
     sample = unwrapped((first + every * counter) % COUNTERS, int(expected), COUNTERS)
     late = expected - sample
     if x.every == 0:
-        x = YawRates(-1, first, every, 0, 0.0, counter, now_ns)
+        x = YawRates(-1, first, every, 0, 0.0, counter, now_ns, counter, now_ns)
         if abs(late) > _WAITED_FOR:
             whole = int((late + 0.5) // 1.0)
             first, sample, late = (first + whole) % COUNTERS, sample + whole, late - whole
-    newest = x.sample
+    newest, now = x.sample, (counter, now_ns)
+    counted = (counter - x.newest_counter) % COUNTERS
+    if abs((now_ns - x.newest_ns) / period_ns - every * counted) > _WAITED_FOR:
+        x = YawRates(newest, first, every, 0, 0.0, *now, *now)
     if abs(late) <= _WAITED_FOR:
         index, newest = sample & _MASK, sample
         rings.yaw_rate_rad_s[index], rings.yaw_rate_sample[index] = yaw_rate_rad_s, sample
     states, late = x.states + 1, x.late + late
     if states < _COUNTED:
-        return YawRates(newest, first, every, states, late, x.begin_counter, x.begin_ns)
+        return YawRates(newest, first, every, states, late, x.begin_counter, x.begin_ns, *now)
     counted = max((counter - x.begin_counter) % COUNTERS, 1)
     measured = (now_ns - x.begin_ns) / (counted * period_ns)
     if abs(measured - every) > _RATE_TOLERANCE:
@@ -160,7 +167,7 @@ def yaw_rate_step(
         first = (int((expected + 0.5) // 1.0) - every * counter) % COUNTERS
     elif abs(late) > _LATE_MAX * states:
         first = (first + int((late / states + 0.5) // 1.0)) % COUNTERS
-    return YawRates(newest, first, every, 0, 0.0, counter, now_ns)
+    return YawRates(newest, first, every, 0, 0.0, *now, *now)
 
 
 def echo_step(

@@ -60,6 +60,20 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    def __init__(self, /, **values: Any) -> None:
+        """Check the values; raises SettingsError."""
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            source: dict[KeyPath, str] = {(): f"{type(self).__name__}()"}
+            mistakes = explain(error, schema_of(type(self)), values, source)
+        else:
+            return
+        raise SettingsError(*mistakes)
+
+    # Tables within tables are checked as if there were no such function: their path is that of all.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
 
 class SettingsError(UserError, ValueError):
     """Settings that cannot be used; the text has one line for each of ``mistakes``."""

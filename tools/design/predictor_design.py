@@ -19,7 +19,6 @@ from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import ValidationError
 
 from ...closed_loop.compiled.schedule import schedule_run
 from ...controller.analysis.loop_signals import LoopModel
@@ -40,6 +39,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.settings import ActuatorSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings import SettingsError
 from .demands import Demand
 from .road import lag_of, road_plants
 from .search.evolution import Check, Search, SearchStoppedError, Values
@@ -292,7 +292,7 @@ def design_predictor(
                 check()
             try:
                 return _cost(task, _settings(task, fallback, values), search.least)
-            except ValidationError:
+            except SettingsError:
                 return LEFT_M * LEFT_M
 
         search = Search(cost, ranges, _DIGITS)

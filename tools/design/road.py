@@ -50,7 +50,7 @@ def road_plants(
     ``more_lag_s``  than the steering has
 
     The tyres, and what the vehicle's file leaves open of the steering, are as in the study. Raises
-    pydantic's ValidationError for a vehicle that the plant does not drive.
+    SettingsError for a vehicle that the plant does not drive.
     """
     plants = []
     for nominal in cars_on(road, vehicle):

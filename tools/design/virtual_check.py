@@ -10,7 +10,6 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import ValidationError
 
 from ...closed_loop.compiled.engine import Outcome, run_compiled
 from ...closed_loop.compiled.loop_records import rms_of
@@ -69,7 +68,7 @@ def plant_settings(
     latency: LatencySettings,
     **tables: Any,
 ) -> PlantSettings:
-    """Return the plant's settings; raises pydantic's ValidationError for what it does not drive.
+    """Return the plant's settings; raises SettingsError for what it does not drive.
 
     ``latency``  of the commands
     """
@@ -104,13 +103,9 @@ def refuse_what_the_plant_does_not_drive(spec: Specification, vehicle: VehicleFi
         plants(spec, vehicle, [LatencySettings()])
         if spec.road is not None:
             road_plants(spec.road, vehicle, LatencySettings(), spec.course.duration_s)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise SettingsError(
-            f"the plant emulator cannot drive a corner: {where} = {first['input']}:"
-            f" {first['msg'].lower()}"
-        ) from error
+    except SettingsError as error:
+        what = error.mistakes[0].partition(": ")[2]
+        raise SettingsError(f"the plant emulator cannot drive a corner: {what}") from error
 
 
 def course_line(spec: Specification, vehicle: VehicleFile) -> str:

@@ -75,10 +75,23 @@ def test_a_cycle_time_below_zero_is_none(tmp_path: Path) -> None:
     assert [message.cycle_ms for message in read_message_set(file)] == [None]
 
 
-def test_an_empty_file_is_refused_as_such(tmp_path: Path) -> None:
-    (tmp_path / "empty.dbc").touch()
-    with pytest.raises(SettingsError, match=r"^rest_bus: .*empty\.dbc: is empty$"):
-        traffic_of(BusSettings(rest_bus=(str(tmp_path / "empty.dbc"),)), 1)
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "is empty"),
+        (b"\x7fELF" + bytes(900), "is a binary file, no database of CAN messages"),
+        (
+            b"BO_ \x01" + 900 * b"\x7f\x02 ",
+            r"no \.dbc file that cantools reads: .{,440}",
+        ),
+    ],
+)
+def test_a_file_that_is_no_database_is_refused_briefly(
+    tmp_path: Path, content: bytes, said: str
+) -> None:
+    (tmp_path / "it.dbc").write_bytes(content)
+    with pytest.raises(SettingsError, match=rf"^rest_bus: .*/it\.dbc: {said}$"):
+        traffic_of(BusSettings(rest_bus=(str(tmp_path / "it.dbc"),)), 1)
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,22 @@ def test_yaw_rates_are_of_the_sample_that_took_them(
     assert max(apart) < (1e-9 if is_exact else 3.1e-4)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_plant_that_starts_again_counts_from_its_start(seed: int) -> None:
+    """Of either, the sample is that of the error that was measured with it."""
+    rng, history = random.Random(seed), BusHistory(PARAMS, LIMITS)
+    stop, pause = rng.randrange(100, 900), rng.randrange(30, 400)
+    rings = history.history
+    for number in (*range(stop), *range(stop + pause, stop + pause + 300)):
+        own, now_ns = number - (stop + pause) * (number >= stop), number * PERIOD_NS
+        history.on_error(error(1e-4 * number), own % 256, now_ns)
+        if own % EVERY == 0:
+            history.on_vehicle(1e-4 * number, own // EVERY % 256, now_ns)
+            at = history._errors.sample % len(rings.yaw_rate_sample)
+            assert rings.yaw_rate_sample[at] == history._errors.sample
+            assert rings.yaw_rate_rad_s[at] == rings.lateral_error_m[at]
+
+
 def test_the_filter_waits_for_a_yaw_rate_but_not_for_a_lost_one() -> None:
     history = BusHistory(PARAMS, LIMITS)
     history.on_error(error(0.0), 0, 0)

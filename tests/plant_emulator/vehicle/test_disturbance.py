@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
 from steer_by_wire.plant_emulator.path.settings import CircleSettings, StraightSettings
@@ -19,6 +18,7 @@ from steer_by_wire.plant_emulator.vehicle.single_track_model import (
     on_friction,
     state_matrices,
 )
+from steer_by_wire.runtime.settings import SettingsError
 
 VEHICLE = VehicleSettings(speed_m_s=72.0 / 3.6)
 PARAMS = VehicleParams(20.0, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)
@@ -108,11 +108,11 @@ def test_every_friction_has_one_table_however_often_it_returns() -> None:
 
 
 def test_steps_out_of_order_are_refused() -> None:
-    with pytest.raises(ValidationError, match=r"steps must follow each other in time: 1.0 after"):
+    with pytest.raises(SettingsError, match=r"steps must follow each other in time: 1.0 after"):
         DisturbanceSettings(steps=(DisturbanceStep(at_s=2.0), DisturbanceStep(at_s=1.0)))
 
 
 def test_more_frictions_than_tables_are_refused() -> None:
     steps = tuple(DisturbanceStep(at_s=float(n), friction=0.5 + 0.01 * n) for n in range(17))
-    with pytest.raises(ValidationError, match="at most 16 different values of friction, not 17"):
+    with pytest.raises(SettingsError, match="at most 16 different values of friction, not 17"):
         DisturbanceSettings(steps=steps)

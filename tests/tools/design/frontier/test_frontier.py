@@ -9,12 +9,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.settings import QKind
 from steer_by_wire.controller.laws.law_from_settings import design_law
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.design.frontier import points
 from steer_by_wire.tools.design.frontier.frontier import draw_frontier, write_csv
 from steer_by_wire.tools.design.frontier.points import (
@@ -241,5 +240,5 @@ def test_the_panels_at_speed_are_of_the_vehicle_at_that_speed() -> None:
 
 def test_delays_must_ascend() -> None:
     table = whole().table.model_dump()
-    with pytest.raises(ValidationError, match="delays_ms must be above 0 and ascend"):
+    with pytest.raises(SettingsError, match="delays_ms must be above 0 and ascend"):
         PanelTable(**{**table, "delays_ms": [250, 160]})
