@@ -68,12 +68,12 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[NotebookClient]
 
 
 PREPARED = """
-%reset -f
-import os, sys
+import gc, os, sys
 os.chdir({folder!r})
 sys.path.append({root!r})
 from steer_by_wire import simulate
 simulate.__kwdefaults__["engine"] = {engine!r}
+gc.freeze()  # else the reset collects a million objects that stay
 %reset -f
 """
 CHECKED = """
