@@ -13,6 +13,8 @@ from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.dbc.codec.codec import FILE, ContractError, MessageCodec
 from steer_by_wire.dbc.codec.protection import header_bits, protect
 from steer_by_wire.dbc.contract.dbc_file import layouts_of, load_database, parse_database
+from steer_by_wire.dbc.contract.layout_from_dbc import FILE as LAYOUT
+from steer_by_wire.dbc.contract.layout_from_dbc import generated_text
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     DATA_IDS,
@@ -281,3 +283,9 @@ def test_every_law_on_the_wire_is_a_module_but_the_one_of_other_packages() -> No
     assert {name: law.number for name, law in LAWS.items()} == {
         law.name.lower(): law for law in own
     }
+
+
+def test_the_generated_layout_is_what_the_dbc_gives_byte_for_byte() -> None:
+    expected = generated_text().encode("ascii")
+    made_by = "run python -m steer_by_wire.dbc.contract.layout_from_dbc"
+    assert LAYOUT.read_bytes() == expected, made_by

@@ -119,7 +119,11 @@ def test_a_silent_road_is_held_and_fades_into_local_damping() -> None:
     assert 0.3 < half / felt < 0.8
     road.run(500)
     assert road.status.applied_torque_n_m == pytest.approx(0.0, abs=0.02)
-    road.run(600, force())
+    road.run(20, force())  # four of the five messages that it takes
+    assert road.node.report()["mode"] == "safe_stop"
+    road.run(5, force())
+    assert road.node.report()["mode"] == "active"
+    road.run(575, force())
     assert road.status.mode is Mode.ACTIVE
     assert road.status.applied_torque_n_m == pytest.approx(felt, abs=0.02)
 

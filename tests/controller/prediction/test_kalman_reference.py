@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.node.node import ControllerNode
@@ -40,10 +39,12 @@ from steer_by_wire.controller.prediction.vehicle_kalman_filter import (
     VehicleGains,
     model_step,
 )
-from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
+from tests.support.loops.baseline_runs import vehicle_of
+from tests.support.loops.predictor_law import controller
 from tests.support.suite.combinations import combined
 
 SENSOR_PERIOD_S = 0.01
@@ -60,22 +61,6 @@ NOISES: dict[str, EstimatorSettings] = {
 }
 
 
-def controller_settings(*overrides: str) -> ControllerSettings:
-    settings = (
-        "law=predictor",
-        "predictor.horizon_s_max=1.0",
-        "followed_point=preview",
-        *overrides,
-    )
-    return controller_preset("practical_pd_ddob", settings)
-
-
-def vehicle() -> VehicleModelSettings:
-    model = controller_settings().nominal_model
-    assert isinstance(model, VehicleModelSettings)
-    return model
-
-
 def gain_matrix(k: Correction) -> np.ndarray:
     return np.array(
         [
@@ -87,7 +72,7 @@ def gain_matrix(k: Correction) -> np.ndarray:
 
 def reference_filter(settings: EstimatorSettings, speed_m_s: float) -> KalmanFilter:
     """Return filterpy's filter of the same model and noise, at the start of a run."""
-    (f,), (g,) = sampled_vehicles(settings, vehicle(), [speed_m_s], SENSOR_PERIOD_S)
+    (f,), (g,) = sampled_vehicles(settings, vehicle_of(controller()), [speed_m_s], SENSOR_PERIOD_S)
     q_filtered, r = noise_covariances(settings, SENSOR_PERIOD_S)
     q, reference = np.zeros_like(f), KalmanFilter(dim_x=7, dim_z=len(r), dim_u=1)
     q[:6, :6], reference.R = q_filtered, r
@@ -113,7 +98,9 @@ def settled_gain(reference: KalmanFilter) -> np.ndarray:
 @pytest.mark.parametrize(("noise", "speed_m_s"), combined([*NOISES], [0.5, 1.39, 8.0, 25.0]))
 def test_filterpy_settles_at_the_gain_of_the_riccati_equation(noise: str, speed_m_s: float) -> None:
     settings = NOISES[noise].model_copy(update={"speed_m_s_min": speed_m_s, "speed_m_s_max": 80.0})
-    schedule = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, Feedback(1.0, 0.0))
+    schedule = design_schedule(
+        settings, vehicle_of(controller()), 0.01, SENSOR_PERIOD_S, Feedback(1.0, 0.0)
+    )
     reference = reference_filter(settings, speed_m_s)
     gain = settled_gain(reference)
     corrections = together([schedule])(speed_m_s)[0].corrections
@@ -166,7 +153,7 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     network: str, lag_s: float
 ) -> None:
     yaw_rate = ("estimator.yaw_rate_sensor_noise_rad_s=0.003",) if lag_s else ()
-    settings = controller_settings(f"estimator.actuator_lag_s={lag_s}", *yaw_rate)
+    settings = controller(f"estimator.actuator_lag_s={lag_s}", *yaw_rate)
     path = 'path={kind="ellipse", semi_major_axis_m=30, semi_minor_axis_m=15}'
     rig = ("duration_s=12", path, f"actuator.lag_s={lag_s}", "sensor_noise.lateral_error_m=0.01")
     plant = plant_preset("paper_corner_d", (*rig, *NETWORKS[network]))

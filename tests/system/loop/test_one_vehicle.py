@@ -6,21 +6,16 @@ import pytest
 
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.controller import settings as controller
-from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator import settings as plant
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.design.vehicle_file import VehicleFile
+from tests.support.loops.baseline_runs import vehicle_of
 
 SHIPPED = Path(__file__).parents[3] / "tools" / "design" / "highway_vehicle.toml"
 PRESET = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-
-
-def nominal(settings: ControllerSettings) -> VehicleModelSettings:
-    assert isinstance(settings.nominal_model, VehicleModelSettings)
-    return settings.nominal_model
 
 
 def test_plant_controller_and_design_read_the_same_vehicle() -> None:
@@ -29,7 +24,7 @@ def test_plant_controller_and_design_read_the_same_vehicle() -> None:
     designed = load_settings(VehicleFile, file=SHIPPED).vehicle
     values = designed.vehicle._asdict()
     assert rig.model_dump(include=set(values)) == values
-    assert nominal(law).vehicle == designed.vehicle
+    assert vehicle_of(law).vehicle == designed.vehicle
     assert rig.speed_m_s != VehicleSettings().speed_m_s
 
 
@@ -49,8 +44,8 @@ def test_the_command_line_is_above_the_vehicle_file() -> None:
         overrides=["nominal_model.virtual_mass_kg=1234"],
         shared=controller.shared_vehicle(SHIPPED),
     )
-    assert nominal(settings).virtual_mass_kg == 1234.0
-    assert nominal(settings).speed_m_s == 12.5
+    assert vehicle_of(settings).virtual_mass_kg == 1234.0
+    assert vehicle_of(settings).speed_m_s == 12.5
 
 
 def test_a_study_takes_the_vehicle_for_its_plant_and_its_controllers(tmp_path: Path) -> None:
