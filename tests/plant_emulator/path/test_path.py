@@ -1,6 +1,4 @@
 import math
-import subprocess
-import sys
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -268,15 +266,3 @@ def test_settings_that_make_no_road_are_refused() -> None:
         EllipseSettings(semi_major_axis_m=30.0, semi_minor_axis_m=60.0)
     with pytest.raises(SettingsError, match="offset_m must not exceed half of length_m"):
         SingleLaneChangeSettings(offset_m=-6.0, length_m=10.0)
-
-
-def test_only_waypoints_import_scipy() -> None:
-    code = (
-        "import sys; from steer_by_wire.plant_emulator.path import ellipse_and_lane_changes as s;"
-        "s.ellipse(60, 30);"
-        "print('scipy' in sys.modules)"
-    )
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert result.stdout.strip() == "False"

@@ -110,12 +110,24 @@ def test_a_node_loads_no_bus_and_nothing_heavy() -> None:
 
 
 def test_programs_start_with_nothing_heavy() -> None:
-    """Start-up time is a promise: these do without numba, scipy and matplotlib, some at first."""
+    """Start-up time is a promise: these do without numba, scipy and matplotlib, some at first.
+
+    cryptography is for those with a key.
+    """
     nodes = (f"{name}.command_line.program" for name in ("controller", "plant_emulator"))
     tools = (f"tools.{name}.__main__" for name in ("cockpit", "design", "run", "study"))
     places = *nodes, *tools, "closed_loop.scripting.simulate"
     programs = ", ".join(f"steer_by_wire.{place}" for place in places)
-    assert loaded(programs, "cantools numba scipy matplotlib rich") == []
+    assert loaded(programs, "cantools cryptography numba scipy matplotlib rich") == []
+
+
+def test_the_package_itself_imports_the_standard_library_alone() -> None:
+    assert loaded("steer_by_wire", "numpy pydantic can steer_by_wire.runtime") == []
+
+
+def test_only_waypoints_import_scipy() -> None:
+    path = "steer_by_wire.plant_emulator.path.ellipse_and_lane_changes as path"
+    assert loaded(f"{path}; path.ellipse(60, 30)", "scipy") == []
 
 
 def test_with_vcan_imports_little_and_no_backend_before_its_turn() -> None:
