@@ -105,8 +105,22 @@ def feedback_mode_step(
     return x
 
 
-def share_step(share: float, mode: Mode, step: float) -> float:
-    """Return the law's share of the torque a cycle later; ``step`` is what a cycle can change."""
+def good_messages(
+    p: FeedbackSupervision, x: FeedbackMode, before_ns: int | None, now_ns: int
+) -> FeedbackMode:
+    """Count a message of the road that comes now; ``before_ns`` is when the one before came."""
+    is_gap = before_ns is None or now_ns - before_ns > p.timeout_ns
+    return x._replace(good_run=1 if is_gap else x.good_run + 1)
+
+
+def share_step(share: float, before: Mode, mode: Mode, step: float) -> float:
+    """Return the law's share of the torque in a mode; ``step`` is what a cycle can change.
+
+    The road that is heard first has all of it at once.
+    """
+    if mode is Mode.WAITING:
+        return 0.0
+    share = 1.0 if before is Mode.WAITING else share
     if mode is Mode.HOLDING:
         return share
     return min(share + step, 1.0) if mode is Mode.ACTIVE else max(share - step, 0.0)

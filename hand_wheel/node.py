@@ -44,7 +44,7 @@ from ..runtime.node.statistics import DurationStatistics
 from .cycle import CYCLE_AT_REST, CycleInput, cycle_step, own_motion_rad
 from .driver import HANDS_OFF, ReactionTime, Sight, kicks_n_m
 from .feedback_laws import FEEDBACK_LAWS, FeedbackInput
-from .modes import FeedbackMode, RoadEvidence, feedback_mode_step, share_step
+from .modes import FeedbackMode, RoadEvidence, feedback_mode_step, good_messages, share_step
 from .settings import HandWheelSettings
 from .shaking import WINDOW_S, Shaking, shaking, shaking_report
 from .wheel_step import AT_REST, Hands, wheel_step
@@ -169,8 +169,7 @@ class HandWheelNode:
         elif isinstance(message, HandWheelFeedback):
             self._on_orders(message, now_ns)
         if self._law.reads is not None and isinstance(message, self._law.reads):
-            is_gap = before_ns is None or now_ns - before_ns > self._mode_params.timeout_ns
-            self._mode = self._mode._replace(good_run=1 if is_gap else self._mode.good_run + 1)
+            self._mode = good_messages(self._mode_params, self._mode, before_ns, now_ns)
         return ()
 
     def feel(self, changes: Mapping[str, Any]) -> None:
@@ -301,10 +300,7 @@ class HandWheelNode:
         orders_ns = self._orders.arrival_ns
         if orders_ns is not None and now_ns - orders_ns > _LAW_NS:
             self._steered_by, self._ordered_n_m = SteeredBy.DRIVER, 0.0
-        first_share = self._share if before.mode is not Mode.WAITING else 1.0
-        self._share = share_step(first_share, mode, self._share_step)
-        if mode is Mode.WAITING:
-            self._share = 0.0
+        self._share = share_step(self._share, before.mode, mode, self._share_step)
         time_ns, wheel = due_ns - self._start_ns, self._wheel
         observed = (wheel.angle_rad, wheel.rate_rad_s, self._rack_force_n, self._wheel_rad)
         inputs = CycleInput(

@@ -44,6 +44,11 @@ class WheelSettings(Settings):
     rim_share: float = Field(HandWheel().rim_share, gt=0.0, lt=1.0)
     """Share of the inertia that is above a torque sensor with a stiffness."""
 
+    @property
+    def linear(self) -> HandWheel:
+        """The wheel without friction, stops and limits."""
+        return HandWheel(*(getattr(self, name) for name in HandWheel._fields))
+
 
 class KickSettings(Settings):
     """One `[[driver.kicks]]`: a torque that the driver adds to that of his arms."""
@@ -170,18 +175,9 @@ class HandWheelSettings(Settings):
     @property
     def wheel_params(self) -> WheelParams:
         """Constants of a step of the wheel's motion."""
-        wheel = self.wheel
-        return wheel_params(
-            wheel.inertia_kg_m2,
-            wheel.damping_n_m_s,
-            wheel.friction_n_m,
-            wheel.stop_rad,
-            wheel.motor_lag_s,
-            wheel.torque_n_m_max,
-            self.cycle_s / self.steps,
-            wheel.sensor_n_m_rad,
-            wheel.rim_share,
-        )
+        wheel, step_s = self.wheel, self.cycle_s / self.steps
+        limits = wheel.friction_n_m, wheel.stop_rad, wheel.torque_n_m_max
+        return wheel_params(wheel.linear, *limits, step_s)
 
     @property
     def nominal_way(self) -> LinearSystem:

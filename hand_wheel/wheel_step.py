@@ -19,7 +19,7 @@ is zero, and a wheel at rest stays exactly where it is.
 from math import exp
 from typing import NamedTuple
 
-from .wheel import Grip
+from .wheel import Grip, HandWheel
 
 
 class WheelParams(NamedTuple):
@@ -67,27 +67,16 @@ AT_REST = WheelState(0.0, 0.0, 0.0, 0.0)
 
 
 def wheel_params(
-    inertia_kg_m2: float,
-    damping_n_m_s: float,
-    friction_n_m: float,
-    stop_rad: float,
-    motor_lag_s: float,
-    torque_n_m_max: float,
-    step_s: float,
-    sensor_n_m_rad: float = 0.0,
-    rim_share: float = 0.0,
+    wheel: HandWheel, friction_n_m: float, stop_rad: float, torque_n_m_max: float, step_s: float
 ) -> WheelParams:
-    """Return the constants of steps of ``step_s`` > 0; lag and inertia are positive.
-
-    ``rim_share``  of the inertia, above a torque sensor that gives way
-    """
-    steps = step_s / motor_lag_s
+    """Return the constants of steps of ``step_s`` > 0; lag and inertia are positive."""
+    steps = step_s / wheel.motor_lag_s
     kept = exp(-steps)
     kept_mean = (1.0 - kept) / steps
     motor = torque_n_m_max, kept, kept_mean, step_s
-    rim_kg_m2 = rim_share * inertia_kg_m2 if sensor_n_m_rad else 0.0
-    below = inertia_kg_m2 - rim_kg_m2, damping_n_m_s, friction_n_m, stop_rad
-    return WheelParams(*below, *motor, sensor_n_m_rad, rim_kg_m2)
+    rim_kg_m2 = wheel.rim_share * wheel.inertia_kg_m2 if wheel.sensor_n_m_rad else 0.0
+    below = wheel.inertia_kg_m2 - rim_kg_m2, wheel.damping_n_m_s, friction_n_m, stop_rad
+    return WheelParams(*below, *motor, wheel.sensor_n_m_rad, rim_kg_m2)
 
 
 def wheel_step(p: WheelParams, x: WheelState, command_n_m: float, hands: Hands) -> WheelState:

@@ -19,7 +19,13 @@ import numpy as np
 from ...dbc.messages import Message, Mode, SteeringForce, SteeringStatus
 from ...hand_wheel.driver import Kick
 from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
-from ...hand_wheel.modes import FeedbackMode, RoadEvidence, feedback_mode_step, share_step
+from ...hand_wheel.modes import (
+    FeedbackMode,
+    RoadEvidence,
+    feedback_mode_step,
+    good_messages,
+    share_step,
+)
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from .law_input import Uplink
@@ -194,18 +200,14 @@ def _modes(
     if (is_active == is_fresh).all():
         modes = np.where(is_active, int(Mode.ACTIVE), int(Mode.WAITING))
         return modes, is_active.astype(np.float64)
-    x, share, good_run, before_ns, done = FeedbackMode(Mode.WAITING, 0, 0), 0.0, 0, None, 0
+    x, share, before_ns, done = FeedbackMode(Mode.WAITING, 0, 0), 0.0, None, 0
     codes, shares = [], []
     for now_ns, count in zip(cycle_ns.tolist(), arrived.tolist(), strict=True):
-        good_run = x.good_run
         for at_ns in road_ns[done:count].tolist():
-            is_gap = before_ns is None or at_ns - before_ns > rule.timeout_ns
-            good_run, before_ns = (1 if is_gap else good_run + 1), at_ns
-        done = count
-        before, x = x.mode, x._replace(good_run=good_run)
+            x, before_ns = good_messages(rule, x, before_ns, at_ns), at_ns
+        done, before = count, x.mode
         x = feedback_mode_step(rule, x, RoadEvidence(before_ns, True, False), now_ns)
-        share = share_step(share if before is not Mode.WAITING else 1.0, x.mode, step)
-        share = 0.0 if x.mode is Mode.WAITING else share
+        share = share_step(share, before, x.mode, step)
         codes.append(int(x.mode))
         shares.append(share)
     return np.array(codes), np.array(shares)

@@ -11,7 +11,7 @@ from ...hand_wheel.analysis.sampled_loop import (
     unstable_round_trips,
 )
 from ...hand_wheel.settings import HandWheelSettings
-from ...hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
+from ...hand_wheel.wheel import GRIPS, LinearSystem, held_wheel
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.motion_parameters import vehicle_params
 from ...plant_emulator.vehicle.single_track_model import VehicleParams
@@ -39,21 +39,15 @@ def feedback_loop(plant: PlantSettings, wheel: HandWheelSettings) -> SampledFeed
 
     A car is taken as its [vehicle], with the lag of its [actuator].
     """
-    table, law = wheel.wheel, wheel.feedback
+    linear, law = wheel.wheel.linear, wheel.feedback
     if law.law == "model":
         return None
     rack = Rack(steering_ratio=wheel.steering_ratio, lag_s=max(plant.actuator.lag_s, 1e-6))
     road = road_torque(vehicle_params(plant.vehicle), law.torque_gradient_n_m, rack)
     if law.law == "spring":
         road = spring_torque(road, law.torque_gradient_n_m, rack)
-    damping_n_m_s = table.damping_n_m_s + law.damping_n_m_s
-    held = held_wheel(
-        HandWheel(
-            table.inertia_kg_m2, damping_n_m_s, table.motor_lag_s,
-            table.sensor_n_m_rad, table.rim_share,
-        ),
-        GRIPS[wheel.driver.grip],
-    )  # fmt: skip
+    damped = linear._replace(damping_n_m_s=linear.damping_n_m_s + law.damping_n_m_s)
+    held = held_wheel(damped, GRIPS[wheel.driver.grip])
     sampled = PASS_THROUGH
     if law.law == "cdob":
         sampled = sampled_cdob(

@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from pydantic import ValidationError
@@ -30,6 +30,7 @@ from .factors import Label
 from .study import BASE_WHEEL, WHEEL, Study
 from .study_file import REPLICATES_MAX
 
+S = TypeVar("S", bound=Settings)
 FRACTION = ".spread_fraction"
 FRACTION_MAX = 100.0
 DESIGNED_MAX = 100
@@ -85,8 +86,7 @@ class Scenarios:
         self.plant_of = study.plant_of
         self._language = read_language(study.dialect)
         self._naming = naming(self._language)
-        self._controllers: dict[tuple[str, str], ControllerSettings] = {}
-        self._hand_wheels: dict[str, HandWheelSettings] = {}
+        self._made: dict[tuple[str, str, str], Settings] = {}
         self.shortest_s = math.inf
         """The shortest run that ``check`` has met."""
         self.warnings: dict[str, None] = {}
@@ -119,40 +119,34 @@ class Scenarios:
 
     def controller(self, case: Case, name: str) -> ControllerSettings:
         """Return the settings of a controller; raises SettingsError."""
-        own = {key: value for key, value in case.overrides.items() if key.startswith("controller.")}
-        known = (name, json.dumps(own) if own else "")
-        found = self._controllers.get(known)
-        if found is None:
-            tables = _laid_over(self.study.controllers[name], own, "controller.")
-            try:
-                found = ControllerSettings.model_validate_json(json.dumps(tables), strict=True)
-            except ValidationError as error:
-                raise self._mistake(case, name) from error
-            if len(self._controllers) >= 1000:
-                self._controllers.clear()
-            self._controllers[known] = found
-        return found
+        base = self.study.controllers[name]
+        return self._kept(ControllerSettings, "controller.", name, base, case, name)
 
     def hand_wheel(self, case: Case) -> HandWheelSettings | None:
         """Return the settings of the hand wheel, None without one; raises SettingsError."""
-        tables = self._wheel_tables(case)
-        if tables is None:
+        name = case.overrides.get(WHEEL, BASE_WHEEL)
+        base = self.study.hand_wheels.get(name)
+        if base is None:
             return None
-        text = json.dumps(_laid_over(tables, case.overrides, f"{WHEEL}."))
-        found = self._hand_wheels.get(text)
-        if found is None:
-            try:
-                found = HandWheelSettings.model_validate_json(text, strict=True)
-            except ValidationError as error:
-                raise self._mistake(case, self.controllers[0]) from error
-            if len(self._hand_wheels) >= 1000:
-                self._hand_wheels.clear()
-            self._hand_wheels[text] = found
-        return found
+        return self._kept(HandWheelSettings, "hand_wheel.", name, base, case, self.controllers[0])
 
-    def _wheel_tables(self, case: Case) -> Tables | None:
-        wheels = self.study.hand_wheels
-        return wheels[case.overrides.get(WHEEL, BASE_WHEEL)] if wheels else None
+    def _kept(
+        self, model: type[S], side: str, name: str, base: Tables, case: Case, controller: str
+    ) -> S:
+        """Return settings of a side of this name in a case, made once; raises SettingsError."""
+        own = {key: value for key, value in case.overrides.items() if key.startswith(side)}
+        known = (side, name, json.dumps(own) if own else "")
+        found = self._made.get(known)
+        if found is None:
+            text = json.dumps(_laid_over(base, own, side))
+            try:
+                found = model.model_validate_json(text, strict=True)
+            except ValidationError as error:
+                raise self._mistake(case, controller) from error
+            if len(self._made) >= 1000:
+                self._made.clear()
+            self._made[known] = found
+        return cast(S, found)
 
     def pair(self, run: int) -> Pair:
         """Return the settings of a run by its id, checked strictly; raises SettingsError."""
@@ -165,7 +159,7 @@ class Scenarios:
         study = self.study
         given = study.plant, study.controllers[name], study.bus
         command = study.commands.get(name, ())
-        wheel = self._wheel_tables(case)
+        wheel = study.hand_wheels.get(case.overrides.get(WHEEL, BASE_WHEEL))
         tables = pair_tables(*given, command, study.dialect, case.overrides, wheel)
         try:
             text = json.dumps(tables)

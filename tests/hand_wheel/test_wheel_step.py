@@ -36,8 +36,7 @@ def params(
     *, inertia: float = 0.035, damping: float = 0.15, friction: float = 0.0, stop: float = inf,
     lag_s: float = 0.004, step_s: float = 1e-3, sensor: float = 0.0,
 ) -> WheelParams:  # fmt: skip
-    moved = inertia, damping, friction, stop, lag_s, 20.0, step_s
-    return wheel_params(*moved, sensor, HandWheel().rim_share)
+    return wheel_params(HandWheel(inertia, damping, lag_s, sensor), friction, stop, 20.0, step_s)
 
 
 def held(grip: str, torque_n_m: float = 0.0) -> Hands:

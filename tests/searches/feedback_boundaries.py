@@ -19,12 +19,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque, spring_torque
-from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
-from steer_by_wire.hand_wheel.analysis.sampled_loop import sampled_feedback, unstable_round_trips
+from steer_by_wire.closed_loop.scripting.feedback import feedback_loop
+from steer_by_wire.hand_wheel.analysis.sampled_loop import unstable_round_trips
 from steer_by_wire.hand_wheel.node import HandWheelNode
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
-from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
+from steer_by_wire.hand_wheel.wheel import GRIPS
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
@@ -81,18 +80,12 @@ def drawn(number: int) -> Loop:
 
 def is_unstable(loop: Loop, gradient_n_m: float) -> bool:
     """Return what the analysis says of a loop."""
-    rack = Rack(lag_s=loop.lag_s)
-    road = road_torque(loop.vehicle, gradient_n_m, rack)
-    if loop.law == "spring":
-        road = spring_torque(road, gradient_n_m, rack)
-    table = HandWheel(damping_n_m_s=loop.damping_n_m_s, sensor_n_m_rad=loop.sensor_n_m_rad)
-    wheel = held_wheel(table, GRIPS[loop.grip])
-    cycle_s = loop.cycle_ms / 1e3
-    law = sampled_cdob(road, cycle_s) if loop.law == "cdob" else PASS_THROUGH
-    round_trip_s = (loop.down + loop.up) * cycle_s
-    ranges = unstable_round_trips(sampled_feedback(wheel, road, cycle_s, law), round_trip_s)
+    sampled = feedback_loop(*settings_of(loop, gradient_n_m))
+    assert sampled is not None
+    round_trip_s = (loop.down + loop.up) * sampled.cycle_s
     return any(
-        low <= round_trip_s and (high is None or round_trip_s < high) for low, high, _ in ranges
+        low <= round_trip_s and (high is None or round_trip_s < high)
+        for low, high, _ in unstable_round_trips(sampled, round_trip_s)
     )
 
 
@@ -118,10 +111,10 @@ def drawn_with_boundary(first: int = 0) -> Iterator[tuple[int, Loop, float]]:
             yield number, loop, gradient
 
 
-def kicked(
+def settings_of(
     loop: Loop, gradient_n_m: float, kick_n_m: float = 1.5, friction_n_m: float = 0.0
-) -> HandWheelNode:
-    """Return the hand wheel after a run of both nodes in which the driver kicks it once."""
+) -> tuple[PlantSettings, HandWheelSettings]:
+    """Return the settings of both nodes; the driver kicks the wheel once."""
     vehicle: dict[str, Any] = loop.vehicle._asdict()
     del vehicle["preview_distance_m"]
     cycle_s = loop.cycle_ms / 1e3
@@ -154,7 +147,15 @@ def kicked(
             "supervision": {"timeout_ms": 5000.0},
         }
     )
-    node = HandWheelNode(wheel, 0, round(DURATION_S / cycle_s))
+    return plant, wheel
+
+
+def kicked(
+    loop: Loop, gradient_n_m: float, kick_n_m: float = 1.5, friction_n_m: float = 0.0
+) -> HandWheelNode:
+    """Return the hand wheel after a run of both nodes in which the driver kicks it once."""
+    plant, wheel = settings_of(loop, gradient_n_m, kick_n_m, friction_n_m)
+    node = HandWheelNode(wheel, 0, round(DURATION_S / wheel.cycle_s))
     VirtualTimeExecutor((PlantNode(plant, 0, samples_max=0), node)).run(round(DURATION_S * 1e9))
     return node
 

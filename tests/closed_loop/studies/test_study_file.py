@@ -329,15 +329,13 @@ def test_factors_keep_their_labels_and_keys() -> None:
 def test_the_studies_in_the_documentation_are_accepted(tmp_path: Path) -> None:
     docs = SHIPPED.parent.parent / "docs" / "studies.md"
     blocks = blocks_of(docs.read_text(encoding="utf-8"))
-    study, factor, bus = (block.text for block in blocks if block.language == "toml")
+    study, bus = (block.text for block in blocks if block.language == "toml")
     text = read_preset("steer_by_wire.controller.presets", "practical_pd").text
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     made = scenarios(tmp_path, study, base="")
     assert made.study.runs == 11 * 3 * 2 * 5 * 3
     over_a_bus = scenarios(tmp_path, f"{study}\n{bus}", base="")
     assert over_a_bus.study.runs == 3 * made.study.runs
-    drawn = scenarios(tmp_path, f'{factor}\n[sampling]\nkind = "sobol"\ncount = 8\n')
-    assert drawn.study.cases == 8
 
 
 def test_the_documentation_names_every_figure_and_verdict() -> None:
