@@ -13,7 +13,7 @@ from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.evaluation.run_record import PlantSample, place
 from ...plant_emulator.node.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.array_types import FloatArray
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.bus_model.settings import BusSettings
 from ...runtime.output_file import write_text
 from ...runtime.settings import Settings
@@ -147,6 +147,6 @@ class PairResult(NamedTuple):
     trace: Trace
 
 
-def rms(values: FloatArray) -> float:
+def rms(values: FloatArray | ComplexArray) -> float:
     """Return the root mean square of an array of any shape."""
-    return float(np.sqrt(np.mean(np.square(values))))
+    return float(np.sqrt(np.mean(np.square(np.abs(values)))))

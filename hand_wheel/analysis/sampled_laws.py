@@ -37,8 +37,10 @@ class SampledLaw(NamedTuple):
         self, damping_n_m_s: float, cutoff_rad_s: float, cycle_s: float
     ) -> "SampledLaw":
         """Return the law with damping by the filtered rate."""
+        from scipy.linalg import block_diag
+
         kept, gain = _low_pass(cutoff_rad_s, cycle_s)
-        a = _with_low_passes(self.a, kept)
+        a = block_diag(self.a, kept)
         b = np.vstack((self.b, [1.0 - kept, 0.0, 0.0]))
         c = np.append(self.c, -damping_n_m_s * gain)
         d = self.d + np.array([damping_n_m_s * gain, 0.0, 0.0])
@@ -61,10 +63,12 @@ def sampled_cdob(
     nominal: LinearSystem, cycle_s: float, cutoff_rad_s: float = 50.0, washout_rad_s: float = 2.0
 ) -> SampledLaw:
     """Return a communication disturbance observer; a washout of 0: none."""
+    from scipy.linalg import block_diag
+
     model = zero_order_hold(nominal, cycle_s)
     order = len(model.b)
     kept, kept_slow = kept_of(cutoff_rad_s, cycle_s), kept_of(washout_rad_s, cycle_s)
-    a = _with_low_passes(model.a, kept, kept_slow)
+    a = block_diag(model.a, kept, kept_slow)
     a[order, :order] = (1.0 - kept) * model.c
     a[order + 1, order] = 1.0 - kept_slow
     b = np.zeros((order + 2, 3))
@@ -97,13 +101,6 @@ def zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:
     both[:order, :order], both[:order, order] = system.a, system.b
     exponential = expm(both * time_s)
     return LinearSystem(exponential[:order, :order], exponential[:order, order], system.c)
-
-
-def _with_low_passes(a: Matrix, *kept: float) -> Matrix:
-    """Return A with the states of low-passes added, of which a cycle leaves these shares."""
-    diagonal = np.diag([*np.zeros(len(a)), *kept])
-    diagonal[: len(a), : len(a)] = a
-    return diagonal
 
 
 def _low_pass(cutoff_rad_s: float, cycle_s: float) -> tuple[float, float]:

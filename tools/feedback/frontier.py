@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from steer_by_wire.closed_loop.pair.pair_result import rms
 from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque, spring_torque
 from steer_by_wire.hand_wheel.analysis.sampled_laws import (
     PASS_THROUGH,
@@ -306,8 +307,3 @@ def road_response(road: LinearSystem, cycle_s: float) -> NDArray[np.complex128]:
     by_angle: NDArray[np.complex128]
     by_angle, _, _ = responses(model_alone(road, cycle_s), BAND_RAD_S, cycle_s)
     return by_angle
-
-
-def rms(values: NDArray[np.complex128]) -> float:
-    """Return the root of the mean square."""
-    return sqrt(float(np.mean(np.abs(values) ** 2)))
