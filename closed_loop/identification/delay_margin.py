@@ -14,6 +14,7 @@ from ...controller.settings import PRESETS, ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ...runtime.settings import SharedTable, load_settings, read_preset
+from .figures import user_name
 from .fit import Fit, Progress, Stopped, quiet
 from .parameters import car_tables
 
@@ -69,7 +70,7 @@ def delay_margin(
     # Of 40, the second and the last but one lie near the ends of 95 %.
     low_s, high_s = np.sort(margins_s)[[1, -2]]
     ends = float(min(low_s, margin_s)), float(max(high_s, margin_s))
-    narrows = found.problem.coordinates[most].name
+    narrows = user_name(found.problem, found.problem.coordinates[most].name)
     return DelayMargin(name, margin_s, *ends, narrows, float(shares[most]))
 
 

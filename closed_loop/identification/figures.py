@@ -14,19 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...runtime.array_types import FloatArray
 from .fit import Fit, Progress, Refit, Stopped, quiet, refit
 from .parameters import Problem
-from .response import Grid, Samples
 
 _DOUBLINGS = 3
 _NEAR = 0.1
 """Relative error of the rise that ends a search; a tenth of it is left to the cost."""
 
 
-def profile(
-    found: Fit, judged: tuple[Grid, Sequence[Samples]], name: str, progress: Progress = quiet
-) -> tuple[float, float]:
+def profile(found: Fit, name: str, progress: Progress = quiet) -> tuple[float, float]:
     """Return the interval of the coordinate of a parameter, from the profile of the cost.
 
     That is how far it may move, with all others sought again, before the fit is worse. A covariance
@@ -41,20 +39,19 @@ def profile(
 
     at = found.problem.place(name)
     parameter = found.problem.parameters[at]
-    spread = float(np.sqrt(found.covariance[at, at]))
+    half = half_of(found, at)
     allowed = found.critical**2 * float(found.covariance[at, at] / found.bare[at, at])
     tolerance = max(1e-5, 0.1 * _NEAR * allowed / found.cost)
 
     def end(sign: float) -> float:
         limit = parameter.high if sign > 0.0 else parameter.low
-        step = min(found.critical * spread, 0.5 * (parameter.high - parameter.low))
+        step = min(half, 0.5 * (parameter.high - parameter.low))
         near: Refit | None = None
         for _ in range(_DOUBLINGS):
             x = found.x[at] + sign * step
             is_limit = (x - limit) * sign >= 0.0
             x = limit if is_limit else x
-            held = {name: parameter.value(x)}
-            near = refit(judged, held, found, advance, tolerance, near)
+            near = refit(found, {name: parameter.value(x)}, advance, tolerance, near)
             rise = near.cost - found.cost
             if is_limit and rise < allowed:
                 return sign * inf
@@ -67,9 +64,6 @@ def profile(
         return sign * inf if (x - limit) * sign >= 0.0 else float(x)
 
     return end(-1.0), end(1.0)
-
-
-_G_M_S2 = 9.80665
 
 
 class Verdict(StrEnum):
@@ -115,14 +109,6 @@ _POSITIVE = ("1", "m", "m2", "N/(rad kg)")
 """Units of what is positive: its logarithm is nearer to a normal distribution."""
 _DELAYS = ("delay_and_lag_s", "lag_s", "dead_time_s")
 """No effect comes before its cause; a sum below 0 says that two clocks differ."""
-_WORDS = {
-    "lag_squared_s2": "lag_s",
-    "front_c": "front_stiffness_per_mass_n_rad_kg",
-    "rear_c": "rear_stiffness_per_mass_n_rad_kg",
-    "inertia": "yaw_inertia_per_mass_m2",
-    "front_share": "front_axle_distance_m",
-}
-"""Names of parameters for the user."""
 
 
 class _Quantity(NamedTuple):
@@ -134,7 +120,8 @@ class _Quantity(NamedTuple):
     source: str = ""
 
 
-def _quantities(problem: Problem) -> list[_Quantity]:
+def quantities(problem: Problem) -> list[_Quantity]:
+    """Return what is told of a car."""
     known, names = problem.known, {one.name for one in problem.coordinates}
 
     def inertia(v: Mapping[str, float]) -> float:
@@ -146,15 +133,15 @@ def _quantities(problem: Problem) -> list[_Quantity]:
     found = [
         _Quantity(
             "understeer_gradient_rad_s2_m", "rad s2/m",
-            lambda v: (1.0 / v["front_c"] - 1.0 / v["rear_c"]) / _G_M_S2,
+            lambda v: (1.0 / v["front_c"] - 1.0 / v["rear_c"]) / GRAVITY_M_S2,
         ),
         _Quantity(
             "front_stiffness_per_mass_n_rad_kg", "N/(rad kg)",
-            lambda v: v["front_c"] * _G_M_S2 * (1.0 - v["front_share"]), "front_c",
+            lambda v: v["front_c"] * GRAVITY_M_S2 * (1.0 - v["front_share"]), "front_c",
         ),
         _Quantity(
             "rear_stiffness_per_mass_n_rad_kg", "N/(rad kg)",
-            lambda v: v["rear_c"] * _G_M_S2 * v["front_share"], "rear_c",
+            lambda v: v["rear_c"] * GRAVITY_M_S2 * v["front_share"], "rear_c",
         ),
         _Quantity("yaw_inertia_per_mass_m2", "m2", inertia, "inertia"),
         itself("friction", "1", "friction"),
@@ -185,34 +172,31 @@ def _quantities(problem: Problem) -> list[_Quantity]:
     return [one for one in found if one.name not in fixed]
 
 
-def figures_of(
-    found: Fit,
-    judged: tuple[Grid, Sequence[Samples]],
-    progress: Progress | None,
-    others: Sequence[Fit] = (),
-) -> list[Figure]:
+def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()) -> list[Figure]:
     """Return all figures of a fit; by the covariance alone without progress, or once stopped.
 
     ``others``  fits of models that may be as right: each interval covers theirs, too
     """
-    figures, bounds = [], _Bounds(found, judged, progress)
+    figures = []
     # Of two factors turning shows the product alone.
     pair = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
     factors = pair if "wheelbase_m" in {one.name for one in found.problem.assumed} else {}
-    for quantity in _quantities(found.problem):
-        value, slope = quantity.function(found.values), _slope(found, quantity)
+    for quantity in quantities(found.problem):
+        slope = _slope(found, quantity)
         low, high = _ends(found, quantity, slope)
-        try:
-            low, high = bounds.of(quantity, low, high)
-        except Stopped:
-            bounds = bounds._replace(progress=None)
+        if progress is not None:
+            try:
+                low, high = _by_profile(found, quantity, (low, high), progress)
+            except Stopped:
+                progress = None
         for other in others:
             lower, higher = _ends(other, quantity, _slope(other, quantity))
             low, high = min(low, lower), max(high, higher)
         if quantity.name in ("lag_s", "dead_time_s"):
-            value, high = max(value, 0.0), max(high, 0.0)
+            high = max(high, 0.0)
         if quantity.unit in _POSITIVE or (quantity.name in _DELAYS and high >= 0.0):
             low = max(low, 0.0)
+        value = min(max(quantity.function(found.values), low), high)
         enough = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
         enough = _ENOUGH.get(quantity.name, enough)
         note, verdict = "", Verdict.IDENTIFIED
@@ -232,14 +216,14 @@ def _ends(found: Fit, quantity: _Quantity, slope: FloatArray) -> tuple[float, fl
     half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
     if quantity.name in ("lag_s", "dead_time_s"):
         square = found.problem.place("lag_squared_s2")
-        its_half = _half(found, square)
+        its_half = half_of(found, square)
         if found.x[square] <= its_half:
             # Any lag up to this one is possible, and at 0 the root has no slope.
             longest_s = sqrt(found.x[square] + its_half)
             if quantity.name == "lag_s":
                 return 0.0, longest_s
             total_s = found.values["delay_and_lag_s"]
-            spread_s = _half(found, found.problem.place("delay_and_lag_s"))
+            spread_s = half_of(found, found.problem.place("delay_and_lag_s"))
             return total_s - longest_s - spread_s, total_s + spread_s
     if quantity.unit not in _POSITIVE:
         return value - half, value + half
@@ -247,47 +231,36 @@ def _ends(found: Fit, quantity: _Quantity, slope: FloatArray) -> tuple[float, fl
     return value / grown, value * grown
 
 
-def figure_values(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the figures of parameters by name."""
-    return {one.name: one.function(values) for one in _quantities(problem)}
+def _by_profile(
+    found: Fit, quantity: _Quantity, ends: tuple[float, float], progress: Progress
+) -> tuple[float, float]:
+    """Return the ends by the profile, where the covariance alone would not do."""
+    sought = {one.name: one for one in found.problem.parameters}
+    parameter = sought.get(quantity.source)
+    if parameter is None:
+        return ends
+    at = found.problem.place(quantity.source)
+    x, half = found.x[at], half_of(found, at)
+    is_near = x - half <= parameter.low or x + half >= parameter.high
+    if not is_near and half <= (_SHARE if parameter.is_log else 0.01):
+        return ends
+    low, high = profile(found, quantity.source, progress)
+    if found.is_coloured:
+        # The errors of a wrong car bend the cost, too: a narrower profile would be theirs.
+        low = min(low, x - half if x - half > parameter.low else -inf)
+        high = max(high, x + half if x + half < parameter.high else inf)
+    if quantity.name != parameter.name and quantity.source != "lag_squared_s2":
+        # Of a product the profile of one factor tells no more than whether there is an end.
+        return (-inf if low == -inf else ends[0], inf if high == inf else ends[1])
+    lower, higher = (
+        end if abs(end) == inf
+        else quantity.function({**found.values, quantity.source: parameter.value(end)})
+        for end in (low, high)
+    )  # fmt: skip
+    return lower, higher
 
 
-class _Bounds(NamedTuple):
-    found: Fit
-    judged: tuple[Grid, Sequence[Samples]]
-    progress: Progress | None
-
-    def of(self, quantity: _Quantity, low: float, high: float) -> tuple[float, float]:
-        """Return the ends by the profile, where the covariance alone would not do."""
-        sought = {one.name: one for one in self.found.problem.parameters}
-        parameter = sought.get(quantity.source)
-        if parameter is None or self.progress is None:
-            return low, high
-        at = self.found.problem.place(quantity.source)
-        half = _half(self.found, at)
-        x = self.found.x[at]
-        is_near = x - half <= parameter.low or x + half >= parameter.high
-        is_wide = half > (_SHARE if parameter.is_log else 0.01)
-        if not (is_near or is_wide):
-            return low, high
-        lowest, highest = profile(self.found, self.judged, quantity.source, self.progress)
-        if self.found.is_coloured:
-            # The errors of a wrong car bend the cost, too: a narrower profile would be theirs.
-            lowest = min(lowest, x - half if x - half > parameter.low else -inf)
-            highest = max(highest, x + half if x + half < parameter.high else inf)
-        if quantity.name != parameter.name and quantity.source != "lag_squared_s2":
-            # Of a product the profile of one factor tells no more than whether there is an end.
-            return (-inf if lowest == -inf else low, inf if highest == inf else high)
-        values = self.found.values
-        lower, higher = (
-            end if abs(end) == inf
-            else quantity.function({**values, quantity.source: parameter.value(end)})
-            for end in (lowest, highest)
-        )  # fmt: skip
-        return lower, higher
-
-
-def _half(found: Fit, at: int) -> float:
+def half_of(found: Fit, at: int) -> float:
     """Return half of the interval of a coordinate."""
     return found.critical * sqrt(float(found.covariance[at, at]))
 
@@ -316,5 +289,11 @@ def _partner(found: Fit, quantity: _Quantity, slope: FloatArray, enough: float) 
         left = variance - float(of_quantity[at]) ** 2 / max(float(covariance[at, at]), 1e-300)
         half = found.critical * sqrt(max(left, 0.0))
         if half < best:
-            best, name = half, _WORDS.get(parameter.name, parameter.name)
+            best, name = half, user_name(found.problem, parameter.name)
     return name
+
+
+def user_name(problem: Problem, parameter: str) -> str:
+    """Return the name of the figure that a parameter is for the user."""
+    names = {one.source: one.name for one in quantities(problem)}
+    return {**names, "front_share": "front_axle_distance_m"}.get(parameter, parameter)

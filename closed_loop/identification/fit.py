@@ -18,12 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
+from scipy.linalg import cholesky
 from scipy.optimize import least_squares
 
 from ...runtime.array_types import FloatArray
 from ..pair.pair_result import rms
 from .parameters import Problem
-from .response import Grid, Response, Samples, coarse, respond, seen
+from .response import Grid, Response, coarse, respond, seen
+from .time_series import Channel
 
 Progress = Callable[[str, int, int], None]
 """Takes what is done, how often it was, and how often it will be at most; raises Stopped."""
@@ -55,6 +57,7 @@ class Fit(NamedTuple):
     """
 
     problem: Problem
+    grid: Grid
     x: FloatArray
     covariance: FloatArray
     plain: FloatArray
@@ -102,10 +105,8 @@ def quiet(_what: str, _done: int, _of: int) -> None:
 class _Judge:
     """Errors of a problem over their deviations, and their sensitivities, on all processors."""
 
-    def __init__(
-        self, problem: Problem, grid: Grid, samples: Sequence[Samples], deviations: FloatArray
-    ) -> None:
-        self.problem, self.samples, self.deviations = problem, samples, deviations
+    def __init__(self, problem: Problem, grid: Grid, deviations: FloatArray) -> None:
+        self.problem, self.deviations = problem, deviations
         self.best: tuple[float, FloatArray] = (np.inf, problem.start)
         self.prior = np.array([1.0 / one.deviation for one in problem.parameters])
         self.reach = _REACH
@@ -116,14 +117,19 @@ class _Judge:
         self.grid, self.slopes = grid, (np.empty(0), np.empty((0, 0)))
         self._kept: tuple[FloatArray, Response] | None = None
 
-    def errors(self, x: FloatArray) -> tuple[FloatArray, ...]:
-        """Return measured less seen, of each sensor."""
-        return self._errors(x, self._response(x))
+    def errors(self, x: FloatArray, response: Response | None = None) -> tuple[FloatArray, ...]:
+        """Return measured less seen, of each sensor; ``response`` by default is that of x."""
+        values, shown = self.problem.values(x), response or self._response(x)
+        return tuple(one.values - seen(one, shown, values) for one in self.grid.judged)
+
+    def weighed(self, of_sensors: Sequence[FloatArray]) -> FloatArray:
+        """Return errors, or their derivatives, over the deviations of the sensors."""
+        return np.concatenate([e / s for e, s in zip(of_sensors, self.deviations, strict=True)])
 
     def residuals(self, x: FloatArray) -> FloatArray:
         """Return all errors over their deviations, and those of the priors."""
-        off = zip(self.errors(x), self.deviations, strict=True)
-        found = np.concatenate([*(e / s for e, s in off), (x - self.problem.start) * self.prior])
+        off = (x - self.problem.start) * self.prior
+        found = np.concatenate((self.weighed(self.errors(x)), off))
         cost = float(found @ found)
         if cost < self.best[0]:
             self.best = cost, x.copy()
@@ -137,46 +143,42 @@ class _Judge:
         near, scales = self.slopes[0], [one.scale for one in self.problem.coordinates[: len(x)]]
         if len(near) != len(x) or np.any(np.abs(x - near) > self.reach * np.array(scales)):
             base = self._response(x)
-            here = np.concatenate(self._errors(x, base))
+            here = np.concatenate(self.errors(x))
             with ThreadPoolExecutor(min(os.cpu_count() or 1, 8)) as pool:
                 columns = pool.map(lambda at: self._column(x, base, here, at), range(len(x)))
                 self.slopes = x.copy(), np.column_stack(list(columns))
-        lengths = [len(one.values) for one in self.samples]
-        slopes: FloatArray = self.slopes[1] / np.repeat(self.deviations, lengths)[:, np.newaxis]
-        return slopes
-
-    def condensed(self, x: FloatArray) -> FloatArray:
-        """Return the sensitivities turned as ``search`` turns the residuals, shape (p + 1, p).
-
-        A search knows the residuals r and J only by |r|, Jᵀr and JᵀJ; these are the same, and a
-        decomposition of 10⁴ rows is saved in each of its steps.
-        """
-        residuals = self.residuals(x)
-        jacobian = np.vstack((self.sensitivities(x), np.diag(self.prior)))
-        first = jacobian.T @ residuals / np.linalg.norm(residuals)
-        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-150)
-        rest = (jacobian.T @ jacobian - np.outer(first, first)) / np.outer(scale, scale)
-        squares, axes = np.linalg.eigh(rest)
-        return np.vstack((first, np.sqrt(np.maximum(squares, 0.0))[:, None] * axes.T * scale))
+        ends = np.cumsum([len(one.values) for one in self.grid.judged])[:-1]
+        return self.weighed(np.split(self.slopes[1], ends))
 
     def search(self, x: FloatArray, tolerance: float, progress: Progress) -> Refit:
-        """Return the least cost from x on; raises Stopped."""
+        """Return the least cost from x on; raises Stopped.
+
+        A search knows the residuals r and their derivatives J only by |r|, Jᵀr and JᵀJ. The
+        triangle of (r J) has the same, and a decomposition of 10⁴ rows is saved in each step.
+        """
         parameters, evaluations = self.problem.parameters, 0
         low = np.array([one.low for one in parameters])
         high = np.array([one.high for one in parameters])
         margin = 1e-9 * (high - low)
 
-        def turned(x: FloatArray) -> FloatArray:
+        def length(x: FloatArray) -> FloatArray:
             return np.append(np.linalg.norm(self.residuals(x)), np.zeros(len(x)))
 
         def slopes(x: FloatArray) -> FloatArray:
             nonlocal evaluations
             evaluations += 1
             progress("fit", evaluations, EVALUATIONS_MAX)
-            return self.condensed(x)
+            jacobian = np.vstack((self.sensitivities(x), np.diag(self.prior)))
+            whole = np.column_stack((self.residuals(x), jacobian))
+            scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-150)
+            whole /= scale
+            # A little more than rounding, where two parameters act alike.
+            triangle = cholesky(whole.T @ whole + 1e-12 * np.eye(len(scale)))
+            turned: FloatArray = triangle[:, 1:] * scale[1:]
+            return turned
 
         found = least_squares(
-            turned, np.clip(x, low + margin, high - margin), jac=slopes, bounds=(low, high),
+            length, np.clip(x, low + margin, high - margin), jac=slopes, bounds=(low, high),
             x_scale=[one.scale for one in parameters], max_nfev=EVALUATIONS_MAX, ftol=tolerance,
             xtol=1e-6,
         )  # fmt: skip
@@ -187,27 +189,20 @@ class _Judge:
 
         ``by_residuals``  their derivatives by the sensors' residuals, shape (p, residuals)
         """
-        values, here = self.problem.values(x), self._response(x)
-        moved = np.zeros((len(self.grid.unresolved), len(by_residuals)))
-        for shift, error in zip(moved, self.grid.unresolved, strict=True):
-            grid = self.grid._replace(steering_rad=self.grid.steering_rad + error)
-            there = respond(grid, values, self.problem)
-            off = [
-                (seen(one, there, values) - seen(one, here, values)) / s
-                for one, s in zip(self.samples, self.deviations, strict=True)
-            ]
-            shift[:] = by_residuals @ np.concatenate(off)
-        covariance: FloatArray = moved.T @ moved / len(moved)
+        values, here = self.problem.values(x), self.weighed(self.errors(x))
+        moved = []
+        for hidden_rad in self.grid.unresolved:
+            grid = self.grid._replace(steering_rad=self.grid.steering_rad + hidden_rad)
+            there = self.errors(x, respond(grid, values, self.problem.known))
+            moved.append(by_residuals @ (self.weighed(there) - here))
+        covariance: FloatArray = np.transpose(moved) @ moved / len(moved)
         return covariance
 
     def _response(self, x: FloatArray) -> Response:
         if self._kept is None or not np.array_equal(self._kept[0], x):
-            self._kept = x.copy(), respond(self.grid, self.problem.values(x), self.problem)
+            values = self.problem.values(x)
+            self._kept = x.copy(), respond(self.grid, values, self.problem.known)
         return self._kept[1]
-
-    def _errors(self, x: FloatArray, response: Response) -> tuple[FloatArray, ...]:
-        values = self.problem.values(x)
-        return tuple(one.values - seen(one, response, values) for one in self.samples)
 
     def _column(self, x: FloatArray, base: Response, here: FloatArray, at: int) -> FloatArray:
         parameter = self.problem.coordinates[at]
@@ -216,30 +211,24 @@ class _Judge:
         moved = x.copy()
         moved[at] += step
         of_sensor = ":" in parameter.name or parameter.name == "yaw_rate_offset_rad_s"
-        values = self.problem.values(moved)
-        response = base if of_sensor else respond(self.grid, values, self.problem)
-        slope: FloatArray = (np.concatenate(self._errors(moved, response)) - here) / step
+        values, known = self.problem.values(moved), self.problem.known
+        response = base if of_sensor else respond(self.grid, values, known)
+        slope: FloatArray = (np.concatenate(self.errors(moved, response)) - here) / step
         return slope
 
 
-def fit(
-    problem: Problem,
-    grid: Grid,
-    samples: Sequence[Samples],
-    progress: Progress = quiet,
-    begin: Fit | None = None,
-) -> Fit:
+def fit(problem: Problem, grid: Grid, progress: Progress = quiet, begin: Fit | None = None) -> Fit:
     """Return the most likely parameters; the best so far where ``progress`` says to stop.
 
     ``begin``  a fit of another model to the same drive, to start from; it may have more sensors
     """
-    spreads = np.array([0.2 * max(float(np.std(one.values)), 1e-6) for one in samples])
+    spreads = np.array([0.2 * max(float(np.std(one.values)), 1e-6) for one in grid.judged])
     x, rounds, is_whole = problem.start, range(_ROUNDS), True
     if begin is not None:
         named = dict(zip((one.name for one in begin.problem.coordinates), begin.x, strict=True))
         x = np.array([named.get(one.name, one.start) for one in problem.parameters])
-        spreads, rounds = begin.deviations[: len(samples)], rounds[1:]
-    judge = _Judge(problem, coarse(grid), samples, spreads)
+        spreads, rounds = begin.deviations[: len(spreads)], rounds[1:]
+    judge = _Judge(problem, coarse(grid), spreads)
     try:
         for number in rounds:
             if number == _COARSE_ROUNDS:
@@ -257,9 +246,8 @@ def fit(
 
 
 def refit(
-    judged: tuple[Grid, Sequence[Samples]],
-    held: dict[str, float],
     found: Fit,
+    held: dict[str, float],
     progress: Progress = quiet,
     tolerance: float = 1e-5,
     near: Refit | None = None,
@@ -268,9 +256,8 @@ def refit(
 
     ``near``  one with the same parameters held, to start from
     """
-    grid, samples = judged
     keep = [at for at, one in enumerate(found.problem.parameters) if one.name not in held]
-    judge, x = _Judge(found.problem.holding(held), grid, samples, found.deviations), found.x[keep]
+    judge, x = _Judge(found.problem.holding(held), found.grid, found.deviations), found.x[keep]
     judge.reach, judge.slopes = _REACH_OF_COST, near.slopes if near else (x, found.slopes[:, keep])
     return judge.search(near.x if near else x, tolerance, progress)
 
@@ -283,7 +270,6 @@ def _deviations(errors: Sequence[FloatArray]) -> FloatArray:
 def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     problem, sought = judge.problem, len(x)
     errors, residuals = judge.errors(x), judge.residuals(x)
-    rows = sum(map(len, errors))
     x, judge.reach = np.append(x, [one.start for one in problem.assumed]), 0.0
     jacobian = judge.sensitivities(x)
     free, assumed = jacobian[:, :sought], jacobian[:, sought:]
@@ -291,7 +277,7 @@ def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     information = free.T @ free + prior
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-30))
     inverse = np.linalg.pinv(information * np.outer(scale, scale), 1e-12) * np.outer(scale, scale)
-    scores = _scores(judge.samples, free * residuals[:rows, None])
+    scores = _scores(judge.grid.judged, free * residuals[: len(free), None])
     lags = 0 if all(map(is_white, errors)) else len(scores) // _MANOEUVRES
     robust = inverse @ (long_run_sums(scores, lags) + prior) @ inverse
     # Never less than white errors would give: that would be chance.
@@ -311,13 +297,13 @@ def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:
     critical = 1.96 + share * (2.9694 + share * (0.4160 - 0.5324 * share))
     cost = float(residuals @ residuals)
     found = x, covariance, plain, inverse, critical, errors, judge.deviations
-    return Fit(problem, *found, cost, is_whole, judge.slopes[1][:, :sought])
+    return Fit(problem, judge.grid, *found, cost, is_whole, judge.slopes[1][:, :sought])
 
 
-def _scores(samples: Sequence[Samples], products: FloatArray) -> FloatArray:
+def _scores(judged: Sequence[Channel], products: FloatArray) -> FloatArray:
     """Return the scores summed over all sensors in each period, shape (periods, p)."""
-    time_s = np.concatenate([one.time_s for one in samples])
-    period_s = max(one.channel.period_s for one in samples)
+    time_s = np.concatenate([one.time_s for one in judged])
+    period_s = max(one.period_s for one in judged)
     _, at = np.unique(np.floor(time_s / period_s).astype(np.int64), return_inverse=True)
     summed = np.zeros((int(at.max()) + 1, products.shape[1]))
     np.add.at(summed, at, products)

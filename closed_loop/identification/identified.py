@@ -12,10 +12,10 @@ import numpy as np
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 from ..pair.pair_result import rms
-from .figures import Figure, figures_of
+from .figures import Figure, figures_of, half_of
 from .fit import Fit, Progress, Stopped, fit, is_white, quiet, refit, samples_alike
 from .parameters import FRICTION_MAX, Known, problem_of
-from .response import Grid, Samples, grid_of, residuals_percent, samples_of
+from .response import grid_of, residual_percent
 from .time_series import Drive, Quantity
 from .vehicle_file import IdentifiedVehicle, prediction_problem
 
@@ -42,8 +42,6 @@ class Identification(NamedTuple):
     """What a drive tells of a car."""
 
     drive: Drive
-    grid: Grid
-    samples: Sequence[Samples]
     found: Fit
     figures: Sequence[Figure]
     residual_percent: float
@@ -53,7 +51,7 @@ class Identification(NamedTuple):
     @property
     def speed_m_s(self) -> float:
         """The mean speed."""
-        return float(np.mean(self.grid.speed_m_s))
+        return float(np.mean(self.found.grid.speed_m_s))
 
 
 def identify(
@@ -65,52 +63,56 @@ def identify(
     """
     notes, grid = list(drive.notes), grid_of(drive)
     _refuse_wrong_sign(drive)
-    samples, problem = samples_of(drive, grid), problem_of(drive, known)
-    found, found_all = fit(problem.seeking(), grid, samples, progress), None
+    problem = problem_of(drive, known)
+    found, found_all = fit(problem.seeking(), grid, progress), None
     rates = _of_rates(drive)
     if _is_coloured(found) and problem.assumed:
         # A model's error would move what is assumed.
-        held = fit(problem, grid, samples, progress, found)
+        held = fit(problem, grid, progress, found)
         found = held if held.is_whole else found
     if _is_coloured(found) and len(rates.outputs) < len(drive.outputs):
-        its_samples = samples_of(rates, grid)
-        alone = fit(problem_of(rates, known), grid, its_samples, progress, found)
+        of_rates = grid._replace(judged=grid.judged[: len(rates.outputs)])
+        alone = fit(problem_of(rates, known), of_rates, progress, found)
         if alone.is_whole and _contradicts(found, alone):
             _refuse_late_side(found)
-            delays_ms = [1e3 * one.values["delay_and_lag_s"] for one in (found, alone)]
+            percents, delays_ms = zip(
+                *((_residual(it), 1e3 * it.values["delay_and_lag_s"]) for it in (found, alone)),
+                strict=True,
+            )
             notes.append(
-                f"lateral acceleration left out: with it the yaw rate's residual is"
-                f" {residuals_percent(samples[0], found.errors[0]):.1f} %, without"
-                f" {residuals_percent(its_samples[0], alone.errors[0]):.1f} %, delay and lag"
+                "lateral acceleration left out: with it the yaw rate's residual is"
+                f" {percents[0]:.1f} %, without {percents[1]:.1f} %, delay and lag"
                 f" {delays_ms[0]:.0f} and {delays_ms[1]:.0f} ms: roll, or the place of its sensor"
                 " (lateral_acceleration_ahead_m of --known)"
             )
-            found_all, drive, found, samples = found, rates, alone, its_samples
-    residual = residuals_percent(samples[0], found.errors[0])
+            found_all, drive, found = found, rates, alone
     if found.is_whole:
-        _refuse_misfit(found, samples, grid, residual)
-    figures = figures_of(found, (grid, samples), progress, _others(found, grid, samples, progress))
+        _refuse_misfit(found)
+    figures = figures_of(found, progress, _others(found, progress))
     total = next(one for one in figures if one.name == "delay_and_lag_s")
     if total.high < 0.0:
         notes.append(
-            f"{samples[0].channel.name} comes {-1e3 * total.value:.0f} ms before the wheel's angle"
+            f"{drive.outputs[0].name} comes {-1e3 * total.value:.0f} ms before the wheel's angle"
             " has an effect: the clocks of the two differ by at least that"
         )
     if found_all is not None:
         figures += [
             one._replace(note="with the place of its sensor")
-            for one in figures_of(found_all, (grid, samples), None)
+            for one in figures_of(found_all, None)
             if one.name.startswith(Quantity.LATERAL_ACCELERATION) and one.name.endswith("delay_s")
         ]
-    doubts = [] if is_brief else _doubts(found, grid, samples, residual, progress)
-    return Identification(drive, grid, samples, found, figures, residual, doubts, notes)
+    doubts = [] if is_brief else _doubts(found, progress)
+    return Identification(drive, found, figures, _residual(found), doubts, notes)
+
+
+def _residual(found: Fit) -> float:
+    return residual_percent(found.grid.judged[0], found.errors[0])
 
 
 def _contradicts(found: Fit, alone: Fit) -> bool:
     """Return whether a lateral acceleration moves what the yaw rates say, or fits badly itself."""
     worse = max(rms(e) / rms(own) for e, own in zip(found.errors, alone.errors, strict=False))
-    at = alone.problem.place("delay_and_lag_s")
-    half_s = alone.critical * float(np.sqrt(alone.covariance[at, at]))
+    half_s = half_of(alone, alone.problem.place("delay_and_lag_s"))
     moved_s = found.values["delay_and_lag_s"] - alone.values["delay_and_lag_s"]
     of_side = max(map(samples_alike, found.errors[len(alone.errors) :]))
     return bool(worse > _WORSE or abs(moved_s) > half_s or of_side > _SIDE_ALIKE_MAX)
@@ -120,13 +122,13 @@ def _is_coloured(found: Fit) -> bool:
     return found.is_whole and found.is_coloured
 
 
-def _others(found: Fit, grid: Grid, samples: Sequence[Samples], progress: Progress) -> list[Fit]:
+def _others(found: Fit, progress: Progress) -> list[Fit]:
     """Return the fit with tyres of the other kind, unless the errors say that these are right."""
     if not _is_coloured(found):
         return []
     tyre = "fiala" if found.problem.known.tyre == "magic_formula" else "magic_formula"
     known = found.problem.known.model_copy(update={"tyre": tyre})
-    other = fit(found.problem._replace(known=known), grid, samples, progress, found)
+    other = fit(found.problem._replace(known=known), found.grid, progress, found)
     return [other] if other.is_whole else []
 
 
@@ -135,13 +137,12 @@ def _of_rates(drive: Drive) -> Drive:
     return drive._replace(outputs=rates)
 
 
-def _doubts(
-    found: Fit, grid: Grid, samples: Sequence[Samples], residual: float, progress: Progress
-) -> list[Doubt]:
+def _doubts(found: Fit, progress: Progress) -> list[Doubt]:
     """Return the tests: simpler models, whiteness, and correlation with the input."""
     doubts, sought = [], [one.name for one in found.problem.parameters]
     widened = np.diagonal(found.covariance) / np.diagonal(found.plain)
     allowed = found.critical**2 * max(1.0, float(np.median(widened[: len(sought)])))
+    rate, errors = found.grid.judged[0], found.errors[0]
     for what, held in (
         ("linear tyres", {"friction": FRICTION_MAX}),
         ("no relaxation", {"relaxation_m": 0.005}),
@@ -150,20 +151,19 @@ def _doubts(
         if not held.keys() <= set(sought):
             continue
         try:
-            simpler = refit((grid, samples), held, found, progress, 1e-3)
+            simpler = refit(found, held, progress, 1e-3)
         except Stopped:
             break
         verdict = "refused" if simpler.cost - found.cost > allowed else "not refused"
-        percent = residuals_percent(samples[0], simpler.errors[0])
-        result = f"residual {percent:.2f} % instead of {residual:.2f} %"
+        percent = residual_percent(rate, simpler.errors[0])
+        result = f"residual {percent:.2f} % instead of {_residual(found):.2f} %"
         doubts.append(Doubt(f"{what}: {verdict}", result, True))
     alike, white = max(map(samples_alike, found.errors)), not _is_coloured(found)
     what = "errors are white" if white else "errors are not white: intervals are widened for it"
     doubts.append(Doubt(what, f"{alike:.1f} in a row tell as much as one", white))
-    steps = np.arange(len(grid.steering_rad))
-    steering = np.interp(samples[0].place, steps, grid.steering_rad)
-    largest = _cross_correlation(found.errors[0], steering)
-    bound = min(3.0 * float(np.sqrt(alike / len(found.errors[0]))), 0.5)
+    steering = np.interp(rate.time_s, found.grid.time_s, found.grid.steering_rad)
+    largest = _cross_correlation(errors, steering)
+    bound = min(3.0 * float(np.sqrt(alike / len(errors))), 0.5)
     what = (
         "errors and steering do not correlate"
         if largest < bound
@@ -205,12 +205,11 @@ def _refuse_late_side(found: Fit) -> None:
             )
 
 
-def _refuse_misfit(found: Fit, samples: Sequence[Samples], grid: Grid, residual: float) -> None:
-    errors = found.errors[0]
+def _refuse_misfit(found: Fit) -> None:
+    residual, rate, errors = _residual(found), found.grid.judged[0], found.errors[0]
     if residual < RESIDUAL_PERCENT_MAX or is_white(errors):
         return
-    speed = np.interp(samples[0].place, np.arange(len(grid.speed_m_s)), grid.speed_m_s)
-    side = np.abs(speed * samples[0].values)
+    side = np.abs(np.interp(rate.time_s, found.grid.time_s, found.grid.speed_m_s) * rate.values)
     hard = side > np.quantile(side, 0.8)
     at_limit = float(np.mean(errors[hard] ** 2) / np.mean(errors[~hard] ** 2))
     why = (
@@ -240,14 +239,13 @@ def predict(drive: Drive, vehicle: IdentifiedVehicle) -> Prediction:
     """
     notes, drive = list(drive.notes), _of_rates(drive)
     grid, problem = grid_of(drive), problem_of(drive, vehicle.known)
-    samples = samples_of(drive, grid)
-    found = fit(prediction_problem(problem, vehicle), grid, samples)
-    shifted = fit(prediction_problem(problem, vehicle, "delay_and_lag_s"), grid, samples)
+    found = fit(prediction_problem(problem, vehicle), grid)
+    shifted = fit(prediction_problem(problem, vehicle, "delay_and_lag_s"), grid)
     shift_s = shifted.values["delay_and_lag_s"] - vehicle.values["delay_and_lag_s"]
     if abs(shift_s) > _SHIFT_S and rms(shifted.errors[0]) < _BETTER * rms(found.errors[0]):
         notes.append(
-            f"{samples[0].channel.name} comes {1e3 * abs(shift_s):.0f} ms"
+            f"{drive.outputs[0].name} comes {1e3 * abs(shift_s):.0f} ms"
             f" {'later' if shift_s > 0.0 else 'earlier'} than in the vehicle's log: corrected"
         )
         found = shifted
-    return Prediction(residuals_percent(samples[0], found.errors[0]), notes)
+    return Prediction(_residual(found), notes)

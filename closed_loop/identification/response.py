@@ -18,7 +18,7 @@ from ...plant_emulator.vehicle.car.car_step import CarInput, CarState, car_step
 from ...runtime.array_types import FloatArray, IntArray
 from ..compiled.compilation import compiled
 from ..compiled.step_functions import register_steps
-from .parameters import Problem, car_tables
+from .parameters import Known, car_tables
 from .time_series import Channel, Drive, Quantity
 
 STEP_S = 0.001
@@ -37,100 +37,74 @@ _STEPS_OFF = 2.0
 class Grid(NamedTuple):
     """A drive on even steps, its segments one after the other.
 
+    ``judged``      the outputs' samples that are compared with a response
     ``step_s``      STEP_S, or a multiple
     ``starts``      of each segment, and the end of the last, shape (segments + 1,)
+    ``first_yaw_rates_rad_s``  of each segment
     ``unresolved``  what its resolution may hide of the steering, shape (draws, steps)
     The others have shape (steps,).
     """
 
+    judged: tuple[Channel, ...]
     step_s: float
     starts: IntArray
     first_yaw_rates_rad_s: FloatArray
+    time_s: FloatArray
     steering_rad: FloatArray
     speed_m_s: FloatArray
     acceleration_m_s2: FloatArray
     unresolved: FloatArray
 
 
-class Samples(NamedTuple):
-    """The judged samples of one output: where on the grid of STEP_S, and in which segment."""
-
-    channel: Channel
-    place: FloatArray
-    first: FloatArray
-    last: FloatArray
-    time_s: FloatArray
-    values: FloatArray
-
-
 def grid_of(drive: Drive) -> Grid:
-    """Return the inputs of a drive on the grid."""
-    rate = drive.outputs[0]
-    parts, starts, rates, hidden = [], [0], [], []
+    """Return the inputs of a drive on the grid, and its outputs."""
     drawn, angle = np.random.default_rng(1).uniform(-0.5, 0.5, (2, DRAWS, 1)), drive.steering
     # A wheel at rest keeps its error, another one at each angle; of one that moves it is noise.
     fine = uniform_filter1d(angle.values, _STEADY) / max(angle.quantum, 1e-12)
     fine = fine * (1.0 + 0.05 * drawn[0]) + drawn[1]
     errors = _STEPS_OFF * (np.round(fine) - fine) * angle.quantum
-    half = round(0.5 * _SMOOTHING_S / STEP_S)
+    angles = np.vstack((angle.values, errors))
+    parts = []
     for start, end in drive.segments:
         time_s = np.arange(start, end, STEP_S)
         speed = np.interp(time_s, drive.speed.time_s, drive.speed.values)
-        sums = np.cumsum(np.pad(speed, (half + 1, half), mode="edge"))
-        smooth = (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
-        # Straight lines between samples would be taken for a lag: (ωT)²/12 of the amplitude.
+        smooth = uniform_filter1d(speed, round(_SMOOTHING_S / STEP_S) + 1, mode="nearest")
         near = (angle.time_s > start - 1.0) & (angle.time_s < end + 1.0)
-        inside = np.minimum(time_s, angle.time_s[near][-1])
         at_s = angle.time_s[near]
+        # Straight lines between samples would be taken for a lag: (ωT)²/12 of the amplitude.
         degree = 3 if np.diff(at_s).min() > 0.3 * angle.period_s else 1
-        steering = make_interp_spline(at_s, angle.values[near], degree)(inside)
-        hidden.append(make_interp_spline(at_s, errors[:, near], degree, axis=1)(inside))
-        parts.append((steering, speed, np.gradient(smooth, STEP_S)))
-        starts.append(starts[-1] + len(time_s))
-        rates.append(float(np.interp(start, rate.time_s, rate.values)))
-    steering, speed, acceleration = (np.concatenate(one) for one in zip(*parts, strict=True))
-    unresolved = np.concatenate(hidden, axis=1)
-    inputs = steering, speed, acceleration, unresolved
-    return Grid(STEP_S, np.array(starts), np.array(rates), *inputs)
+        spline = make_interp_spline(at_s, angles[:, near], degree, axis=1)
+        driven = time_s, speed, np.gradient(smooth, STEP_S)
+        parts.append(np.vstack((*driven, spline(np.minimum(time_s, at_s[-1])))))
+    time_s, speed, acceleration, steering, *unresolved = np.concatenate(parts, axis=1)
+    starts = np.cumsum([0, *(part.shape[1] for part in parts)])
+    rate, (begins_s, _) = drive.outputs[0], np.transpose(drive.segments)
+    first = np.interp(begins_s, rate.time_s, rate.values)
+    inputs = time_s, steering, speed, acceleration, np.array(unresolved)
+    judged = tuple(one.within(drive.segments, SETTLING_S) for one in drive.outputs)
+    return Grid(judged, STEP_S, starts, first, *inputs)
 
 
 def coarse(grid: Grid) -> Grid:
     """Return a grid of wider steps, on which a search comes near to the end sooner."""
     step_s, starts = _COARSE * grid.step_s, -(-grid.starts // _COARSE)
-    inputs = (one[..., ::_COARSE] for one in grid[3:])
-    return Grid(step_s, starts, grid.first_yaw_rates_rad_s, *inputs)
-
-
-def samples_of(drive: Drive, grid: Grid) -> list[Samples]:
-    """Return the judged samples of each output."""
-    judged = []
-    for channel in drive.outputs:
-        columns = []
-        for (start, end), first, after in zip(
-            drive.segments, grid.starts[:-1], grid.starts[1:], strict=True
-        ):
-            inside = (channel.time_s >= start + SETTLING_S) & (channel.time_s < end)
-            at, values = channel.time_s[inside], channel.values[inside]
-            ends = np.full((2, len(at)), [[first], [after - 1]], dtype=np.float64)
-            columns.append(np.vstack(((at - start) / STEP_S + first, ends, at, values)))
-        judged.append(Samples(channel, *np.concatenate(columns, axis=1)))
-    return judged
+    inputs = (one[..., ::_COARSE].copy() for one in grid[4:])
+    return Grid(grid.judged, step_s, starts, grid.first_yaw_rates_rad_s, *inputs)
 
 
 class Response(NamedTuple):
     """Outputs of the car on a grid."""
 
-    step_s: float
+    time_s: FloatArray
     yaw_rate_rad_s: FloatArray
     lateral_acceleration_m_s2: FloatArray
 
 
-def respond(grid: Grid, values: Mapping[str, float], problem: Problem) -> Response:
+def respond(grid: Grid, values: Mapping[str, float], known: Known) -> Response:
     """Return what a car with these parameters does on a drive."""
     register_steps()
-    known, steps = problem.known, len(grid.speed_m_s)
+    response = Response(grid.time_s, *np.empty((2, len(grid.time_s))))
     lag_s = sqrt(values["lag_squared_s2"])
-    yaw_rates, accelerations = np.empty(steps), np.empty(steps)
     steering = (
         1.0 / values["steering_ratio"],
         values["steering_offset_rad"] / values["steering_ratio"],
@@ -138,25 +112,21 @@ def respond(grid: Grid, values: Mapping[str, float], problem: Problem) -> Respon
         (values["delay_and_lag_s"] - lag_s) / grid.step_s,
         known.lateral_acceleration_ahead_m,
     )
+    driven = grid.steering_rad, grid.speed_m_s, grid.acceleration_m_s2
+    segments = grid.starts, grid.first_yaw_rates_rad_s
     params = car_params(*car_tables(values, known))
-    _respond(params, steering, *grid[:-1], yaw_rates, accelerations)
-    return Response(grid.step_s, yaw_rates, accelerations)
+    _respond(params, steering, grid.step_s, *segments, *driven, *response[1:])
+    return response
 
 
-def seen(samples: Samples, response: Response, values: Mapping[str, float]) -> FloatArray:
-    """Return what a sensor shows of a response, shape of its samples."""
-    name = samples.channel.name
-    of_rate = samples.channel.quantity is Quantity.YAW_RATE
+def seen(channel: Channel, response: Response, values: Mapping[str, float]) -> FloatArray:
+    """Return what a sensor shows of a response, at its samples."""
+    name, of_rate = channel.name, channel.quantity is Quantity.YAW_RATE
     series = response.yaw_rate_rad_s if of_rate else response.lateral_acceleration_m_s2
-    delay_s = values.get(f"{name}:delay_s", 0.0)
-    gain = values.get(f"{name}:gain", 1.0)
+    sensed_s = channel.time_s - values.get(f"{name}:delay_s", 0.0)
     offset = values.get(f"{name}:offset", values["yaw_rate_offset_rad_s"])
-    place = np.clip(samples.place - delay_s / STEP_S, samples.first, samples.last)
-    place /= response.step_s / STEP_S
-    below = np.minimum(place.astype(np.int64), len(series) - 2)
-    share = place - below
-    shown: FloatArray = gain * ((1.0 - share) * series[below] + share * series[below + 1]) + offset
-    return shown
+    shown = np.interp(sensed_s, response.time_s, series)
+    return values.get(f"{name}:gain", 1.0) * shown + offset
 
 
 @compiled
@@ -197,6 +167,6 @@ def _respond(
             x = CarState(driven, v, r, front, rear, a_x, a_y, force, use, 0.0, 0.0, 0.0)
 
 
-def residuals_percent(samples: Samples, errors: FloatArray) -> float:
+def residual_percent(channel: Channel, errors: FloatArray) -> float:
     """Return 100 rms(error)/std(measured)."""
-    return float(100.0 * np.sqrt(np.mean(errors**2)) / np.std(samples.values))
+    return float(100.0 * np.sqrt(np.mean(errors**2)) / np.std(channel.values))

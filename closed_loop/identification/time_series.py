@@ -71,6 +71,13 @@ class Channel(NamedTuple):
         """Return the samples before a silence that ends a segment."""
         return np.flatnonzero(np.diff(self.time_s) > max(GAP_S_MIN, GAP_PERIODS * self.period_s))
 
+    def within(self, segments: Sequence[tuple[float, float]], settling_s: float) -> "Channel":
+        """Return the samples in segments, without the beginning of each."""
+        inside = np.zeros(len(self.time_s), dtype=bool)
+        for start, end in segments:
+            inside |= (self.time_s >= start + settling_s) & (self.time_s < end)
+        return self._replace(time_s=self.time_s[inside], values=self.values[inside])
+
     @property
     def quantum(self) -> float:
         """The smallest step between two values, 0 if none differ."""
@@ -268,15 +275,11 @@ def _segments(channels: Sequence[Channel], speed: Channel) -> list[tuple[float, 
 
 def _refuse_idle(drive: Drive, source: str) -> None:
     """Refuse a drive whose wheel was never turned; raises SettingsError."""
-    inside = np.zeros(len(drive.steering.time_s), dtype=bool)
-    for start, end in drive.segments:
-        inside |= (drive.steering.time_s >= start) & (drive.steering.time_s <= end)
-    values = drive.steering.values[inside]
-    swing = float(np.quantile(values, 0.99) - np.quantile(values, 0.01))
-    rate = drive.outputs[0]
-    turned = float(np.std(np.interp(drive.steering.time_s[inside], rate.time_s, rate.values)))
+    steering, rate = drive.steering.within(drive.segments, 0.0), drive.outputs[0]
+    swing = float(np.quantile(steering.values, 0.99) - np.quantile(steering.values, 0.01))
+    turned = float(np.std(np.interp(steering.time_s, rate.time_s, rate.values)))
     if swing <= 4.0 * drive.steering.quantum or swing < 1e-3 or turned < 1e-3:
         raise SettingsError(
-            f"{source}: the wheel is never turned ({drive.steering.name} within {swing:.2g} rad):"
+            f"{source}: the wheel is never turned ({steering.name} within {swing:.2g} rad):"
             " drive a sweep, 20 s at 60 km/h from 0.2 to 3 Hz"
         )

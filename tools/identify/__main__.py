@@ -57,6 +57,10 @@ from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 
 NAME = "steer-by-wire identify"
+_MEASURED = {
+    "front_axle_distance_m": "weigh the axles, and tell it by --known",
+    "wheelbase_m": "measure it, and tell it by --known",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -172,19 +176,15 @@ def _advice(
         return []
     by_name = {one.name: one for one in figures}
     own = by_name.get("actuator:delay_and_lag_s", by_name["delay_and_lag_s"])
-    own_s = max(own.value, own.low)  # an error of measurement may make it negative
     lines = [
         f"{margin.controller} at {3.6 * found.speed_m_s:.0f} km/h survives constant delays up to"
         f" {1e3 * margin.margin_s:.0f} ms [{1e3 * margin.low_s:.0f}, {1e3 * margin.high_s:.0f}], of"
-        f" which the steering's own delay and lag take about {1e3 * own_s:.0f} ms"
+        f" which the steering's own delay and lag take about {1e3 * own.value:.0f} ms"
         f" [{1e3 * own.low:.0f}, {1e3 * own.high:.0f}]"
     ]
     if margin.share > 0.5:
-        assumed = {one.name for one in found.found.problem.assumed}
-        how = "weigh the axles" if margin.narrows == "front_share" else "measure it"
-        how = f"{how}, and tell it by --known" if margin.narrows in assumed else "drive more of it"
-        name = "front_axle_distance_m" if margin.narrows == "front_share" else margin.narrows
-        lines.append(f"most of that interval comes from {name}: {how}")
+        how = _MEASURED.get(margin.narrows, "drive more of it")
+        lines.append(f"most of that interval comes from {margin.narrows}: {how}")
     wanted = {one.note for one in figures if one.verdict is Verdict.NOT_IDENTIFIABLE}
     return lines + [f"next: {note}" for note in sorted(wanted) if note.startswith("drive")]
 

@@ -9,8 +9,8 @@ from scipy.signal import coherence, csd
 
 from steer_by_wire.closed_loop.identification.figures import Figure, Verdict
 from steer_by_wire.closed_loop.identification.identified import Identification
-from steer_by_wire.closed_loop.identification.response import STEP_S, respond, seen
-from steer_by_wire.closed_loop.identification.time_series import Quantity
+from steer_by_wire.closed_loop.identification.response import Response, respond, seen
+from steer_by_wire.closed_loop.identification.time_series import Drive, Quantity
 from steer_by_wire.closed_loop.identification.vehicle_file import shown
 from steer_by_wire.closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from steer_by_wire.closed_loop.reports.plot_style import plot_style, png_of
@@ -30,7 +30,7 @@ def report_html(found: Identification, lines: Sequence[str], figures: Sequence[F
         for one in figures
     ]  # fmt: skip
     headings = ["", "value", "95 %", "unit", "verdict", ""]
-    response = _response_picture(found), [Table(["test", "result"], tests)]
+    response = respond(found.found.grid, found.found.values, found.found.problem.known)
     frequency = "Yaw rate over steering; grey where less than 80 % of it follows the steering."
     plan = (
         "A sweep at 60 km/h from 0.2 to 3 Hz in 26 s with 4 m/s² to either side, steps at 80 km/h,"
@@ -45,40 +45,35 @@ def report_html(found: Identification, lines: Sequence[str], figures: Sequence[F
         Section(
             "Measured over simulated",
             [f"Residual of yaw rate: {found.residual_percent:.2f} %"],
-            response[:1], response[1], found.notes,
+            [_response_picture(found, response)], [Table(["test", "result"], tests)], found.notes,
         ),
-        Section("Frequency response", [frequency], [_frequency_picture(found)]),
+        Section("Frequency response", [frequency], [_frequency_picture(found.drive, response)]),
         Section("What to drive next", [plan], [_plan_picture(asks_for_slow)]),
     ]  # fmt: skip
     return page("Identified car", sections)
 
 
-def _response_picture(found: Identification) -> Picture:
-    values = found.found.values
-    response = respond(found.grid, values, found.found.problem)
+def _response_picture(found: Identification, response: Response) -> Picture:
+    values, judged = found.found.values, found.found.grid.judged
     with plot_style():
-        canvas = Canvas(figsize=(9.0, 2.6 * len(found.samples)))
-        panels = canvas.subplots(len(found.samples), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, samples in zip(panels, found.samples, strict=True):
-            axes.plot(samples.time_s, samples.values, label="measured")
-            axes.plot(samples.time_s, seen(samples, response, values), label="simulated")
-            name = _UNIT_OF_NAME.sub("", samples.channel.name).replace("_", " ")
-            axes.set_ylabel(f"{name} [{_UNITS[samples.channel.quantity]}]", fontsize=8)
+        canvas = Canvas(figsize=(9.0, 2.6 * len(judged)))
+        panels = canvas.subplots(len(judged), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, sensor in zip(panels, judged, strict=True):
+            axes.plot(sensor.time_s, sensor.values, label="measured")
+            axes.plot(sensor.time_s, seen(sensor, response, values), label="simulated")
+            name = _UNIT_OF_NAME.sub("", sensor.name).replace("_", " ")
+            axes.set_ylabel(f"{name} [{_UNITS[sensor.quantity]}]", fontsize=8)
         panels[0].legend(ncols=2)
         panels[-1].set_xlabel("time [s]")
     return Picture(png_of(canvas), "measured and simulated over time")
 
 
-def _frequency_picture(found: Identification) -> Picture:
-    drive, samples = found.drive, found.samples[0]
+def _frequency_picture(drive: Drive, response: Response) -> Picture:
     start, end = max(drive.segments, key=lambda one: one[1] - one[0])
-    even = np.arange(start, end, 0.01)
+    even, rate = np.arange(start, end, 0.01), drive.outputs[0]
     steering = np.interp(even, drive.steering.time_s, drive.steering.values)
-    measured = np.interp(even, samples.channel.time_s, samples.channel.values)
-    response = respond(found.grid, found.found.values, found.found.problem)
-    on_grid = np.arange(len(response.yaw_rate_rad_s)) * STEP_S
-    first = float(found.grid.starts[[one[0] for one in drive.segments].index(start)]) * STEP_S
-    simulated = np.interp(even - start + first, on_grid, response.yaw_rate_rad_s)
+    measured = np.interp(even, rate.time_s, rate.values)
+    simulated = np.interp(even, response.time_s, response.yaw_rate_rad_s)
     options = {"fs": 100.0, "nperseg": int(min(_WINDOW_S * 100.0, len(even)))}
     hz, own = csd(steering, steering, **options)
     inside = (hz > 0.1) & (hz < _HZ_MAX)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from steer_by_wire.closed_loop.identification.parameters import Known, Problem
+from steer_by_wire.closed_loop.identification.parameters import Known
 from steer_by_wire.closed_loop.identification.response import STEP_S, Grid, respond
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity
 from steer_by_wire.runtime.array_types import FloatArray
@@ -116,10 +116,11 @@ def log_of(
     wheel = lfilter(taps, [1.0, -kept], late, zi=[late[0] * (1.0 - ahead)])[0]
     still = {**car, "lag_squared_s2": 0.0, "delay_and_lag_s": 0.0}
     ends, driven = np.array([0, len(steps)]), (speed_m_s, _slope(speed_m_s))
-    grid = Grid(STEP_S, ends, np.zeros(1), wheel, *driven, np.empty(0))
-    response = respond(grid, still, Problem((), (), {}, Known(), ()))
+    time_s = steps * STEP_S
+    grid = Grid((), STEP_S, ends, np.zeros(1), time_s, wheel, *driven, np.empty(0))
+    response = respond(grid, still, Known())
     # The sensor's steps lie anywhere: straight on is within one, and not in its middle.
-    time_s, zero_rad = steps * STEP_S, float(rng.uniform(-0.5, 0.5)) * _STEP_RAD
+    zero_rad = float(rng.uniform(-0.5, 0.5)) * _STEP_RAD
     side = Quantity.LATERAL_ACCELERATION
     channels = [
         _measured(Quantity.HAND_WHEEL, time_s, steering_rad + zero_rad, rng, 0.0, _STEP_RAD),
