@@ -52,6 +52,8 @@ _GUESSES = (
 _STEERING = {"wheel_angle_rad", "hand_wheel_rad"}
 """Either is enough."""
 _ROWS_MAX = 1_000_000
+_CLOCK_S_MAX, _VALUE_MAX = 1e11, 1e9
+"""Of a time and of a value in SI units; what is beyond is none, as is what is no number."""
 
 
 class ColumnSettings(Settings):
@@ -86,15 +88,16 @@ def read_columns(file: Path, mapping: Path | None = None) -> list[Channel]:
     cells = convert_cells(file, rows, lambda text: float(text or "nan"), "numbers")
     columns = dict(zip(layout, np.array([*cells]).T, strict=True))
     clock = next(name for name, (quantity, _) in wanted.items() if quantity is None)
-    timed = np.isfinite(columns[clock])
-    if timed.sum() < 2:
-        raise SettingsError(f"{file}: {clock} has no times")
-    time_s, _ = continuous(columns[clock][timed] * wanted[clock][1])
+    timed = np.abs(columns[clock]) < _CLOCK_S_MAX / wanted[clock][1]
+    clock_s = columns[clock][timed] * wanted[clock][1]
+    if not np.any(np.diff(clock_s) > 0.0):
+        raise SettingsError(f"{file}: {clock} has no times, or they do not rise")
+    time_s = continuous(clock_s)
     channels = []
     for name, (quantity, factor) in wanted.items():
         values = columns[name][timed] * factor
         # Sensors may have rows of their own, with blanks for the others.
-        known = np.isfinite(values)
+        known = np.abs(values) < _VALUE_MAX
         if quantity is not None:
             channels.append(Channel(name, quantity, time_s[known], values[known]))
     return channels

@@ -15,15 +15,16 @@ and a delay after the first yaw rate; the delay of that one is part of D.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.array_types import FloatArray
-from ...runtime.settings import Settings, SettingsError
+from ...runtime.settings import Settings
 from .time_series import Channel, Drive, Quantity
 
 MASS_KG = 1500.0
@@ -51,14 +52,15 @@ class Known(Settings):
     friction: float | None = Field(None, ge=0.05, le=3.0)
     tyre: Literal["fiala", "magic_formula"] = "fiala"
 
-    def check(self, source: str) -> None:
-        """Raise SettingsError where two of them contradict each other."""
+    @model_validator(mode="after")
+    def _refuse_contradictions(self) -> Self:
         if self.yaw_inertia_kg_m2 is not None and self.mass_kg is None:
-            raise SettingsError(f"{source}: yaw_inertia_kg_m2 needs mass_kg")
+            raise ValueError("yaw_inertia_kg_m2 needs mass_kg")
         if self.front_axle_distance_m is not None and self.wheelbase_m is None:
-            raise SettingsError(f"{source}: front_axle_distance_m needs wheelbase_m")
+            raise ValueError("front_axle_distance_m needs wheelbase_m")
         if (self.front_axle_distance_m or 0.0) >= (self.wheelbase_m or np.inf):
-            raise SettingsError(f"{source}: front_axle_distance_m must be below wheelbase_m")
+            raise ValueError("front_axle_distance_m must be below wheelbase_m")
+        return self
 
 
 class Parameter(NamedTuple):
@@ -202,7 +204,7 @@ def car_tables(values: Mapping[str, float], known: Known) -> tuple[VehicleSettin
     mass_kg, wheelbase_m = known.mass_kg or MASS_KG, values["wheelbase_m"]
     front_m = values["front_share"] * wheelbase_m
     rear_m = wheelbase_m - front_m
-    weight_n = 9.80665 * mass_kg / wheelbase_m
+    weight_n = GRAVITY_M_S2 * mass_kg / wheelbase_m
     vehicle = VehicleSettings(
         virtual_mass_kg=mass_kg,
         yaw_inertia_kg_m2=values["inertia"] * mass_kg * front_m * rear_m,

@@ -76,11 +76,12 @@ def grid_of(drive: Drive) -> Grid:
         spline = make_interp_spline(at_s, angles[:, near], degree, axis=1)
         driven = time_s, speed, np.gradient(smooth, STEP_S)
         parts.append(np.vstack((*driven, spline(np.minimum(time_s, at_s[-1])))))
-    time_s, speed, acceleration, steering, *unresolved = np.concatenate(parts, axis=1)
+    rows = np.ascontiguousarray(np.concatenate(parts, axis=1))
+    time_s, speed, acceleration, steering = rows[:4]
     starts = np.cumsum([0, *(part.shape[1] for part in parts)])
     rate, (begins_s, _) = drive.outputs[0], np.transpose(drive.segments)
     first = np.interp(begins_s, rate.time_s, rate.values)
-    inputs = time_s, steering, speed, acceleration, np.array(unresolved)
+    inputs = time_s, steering, speed, acceleration, rows[4:]
     judged = tuple(one.within(drive.segments, SETTLING_S) for one in drive.outputs)
     return Grid(judged, STEP_S, starts, first, *inputs)
 

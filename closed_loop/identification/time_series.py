@@ -106,19 +106,15 @@ class Drive(NamedTuple):
         return steering, np.interp(at_s, self.speed.time_s, self.speed.values)
 
 
-def continuous(time_s: FloatArray) -> tuple[FloatArray, list[float]]:
-    """Return times that only rise, and those at which a clock was set back."""
+def continuous(time_s: FloatArray) -> FloatArray:
+    """Return times that only rise: a silence is in place of a step of the clock backwards."""
     steps = np.diff(time_s)
-    breaks = np.flatnonzero(steps <= 0.0) + 1
-    if not len(breaks):
-        return time_s, []
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 1.0
-    shifts = np.zeros(len(time_s))
-    # A silence in place of the step, so that a segment ends there.
     silence_s = GAP_S_MIN + (GAP_PERIODS + 1.0) * usual
-    shifts[breaks] = silence_s - steps[breaks - 1]
-    risen = time_s + np.cumsum(shifts)
-    return risen, [float(at) for at in risen[breaks]]
+    risen: FloatArray = time_s + np.cumsum(
+        np.append(0.0, np.where(steps > 0.0, 0.0, silence_s - steps))
+    )
+    return risen
 
 
 def without_spikes(channel: Channel) -> tuple[Channel, int]:
@@ -268,18 +264,20 @@ def _segments(channels: Sequence[Channel], speed: Channel) -> list[tuple[float, 
         free_from = max(free_from, gap_end)
     if sum(b - a for a, b in found) > DURATION_S_MAX:
         raise SettingsError(
-            f"over {DURATION_S_MAX / 3600:g} h of driving: take a part, --from --to"
+            f"over {DURATION_S_MAX / 3600:g} h of driving, or times in another unit: take a part,"
+            " --from --to"
         )
     return found
 
 
 def _refuse_idle(drive: Drive, source: str) -> None:
-    """Refuse a drive whose wheel was never turned; raises SettingsError."""
+    """Refuse a drive whose wheel or car was never turned; raises SettingsError."""
     steering, rate = drive.steering.within(drive.segments, 0.0), drive.outputs[0]
     swing = float(np.quantile(steering.values, 0.99) - np.quantile(steering.values, 0.01))
     turned = float(np.std(np.interp(steering.time_s, rate.time_s, rate.values)))
-    if swing <= 4.0 * drive.steering.quantum or swing < 1e-3 or turned < 1e-3:
+    is_wheel_still = swing <= max(4.0 * drive.steering.quantum, 1e-3)
+    if is_wheel_still or turned < 1e-3:
+        still = steering.name if is_wheel_still else rate.name
         raise SettingsError(
-            f"{source}: the wheel is never turned ({steering.name} within {swing:.2g} rad):"
-            " drive a sweep, 20 s at 60 km/h from 0.2 to 3 Hz"
+            f"{source}: {still} hardly changes: drive a sweep, 20 s at 60 km/h from 0.2 to 3 Hz"
         )

@@ -48,7 +48,9 @@ class IdentifiedVehicle(NamedTuple):
 
 def vehicle_toml(found: Fit, figures: Sequence[Figure], speed_m_s: float, source: str) -> str:
     """Return the file's text."""
-    values, known = found.values, found.problem.known
+    # An estimate as it is told, within its own interval.
+    values = {**found.values, **{one.name: one.value for one in figures}}
+    known = found.problem.known
     vehicle, car = car_tables(values, known)
     lines = [f"# Vehicle identified from {source}. In brackets: intervals of 95 %."]
     if known.mass_kg is None:

@@ -121,7 +121,6 @@ def _run(options: argparse.Namespace) -> int:
         show(f"residual of yaw rate: {prediction.residual_percent:.2f} %")
         return ExitStatus.OK
     known = Known() if options.known is None else load_settings(Known, file=options.known)
-    known.check(str(options.known))
     progress.keep_the_best()
     found = identify(drive, known, progress.advance)
     figures = [*found.figures, *(() if steering is None else steering.figures)]

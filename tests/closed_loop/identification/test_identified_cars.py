@@ -1,12 +1,13 @@
 """Identification of drawn cars, whose truth is known."""
 
+import tomllib
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from steer_by_wire.closed_loop.identification.figures import Verdict
+from steer_by_wire.closed_loop.identification.figures import Verdict, figures_of, half_of
 from steer_by_wire.closed_loop.identification.fit import long_run_sums
 from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
@@ -102,6 +103,17 @@ def test_no_dead_time_is_below_zero() -> None:
     assert "before the wheel's angle has an effect" in found.notes[-1]
     assert figures["dead_time_s"][2:5] == (0.0, 0.0, 0.0)
     assert figure_line(figures["dead_time_s"]).startswith("dead_time_s at most 0 s")
+
+
+def test_an_estimate_is_told_and_written_within_its_own_interval() -> None:
+    """Noise may make a delay of next to nothing negative."""
+    one, x = found().found, found().found.x.copy()
+    at = one.problem.place("delay_and_lag_s")
+    x[at] = -0.1 * half_of(one, at)
+    figures = figures_of(one._replace(x=x), None)
+    assert all(it.low <= it.value <= it.high for it in figures)
+    written = tomllib.loads(vehicle_toml(one._replace(x=x), figures, 16.7, "a test"))
+    assert written["identified"]["delay_and_lag_s"] == 0.0
 
 
 def test_errors_of_the_right_model_are_white() -> None:

@@ -52,9 +52,7 @@ def test_a_gap_and_a_stop_end_a_segment() -> None:
 
 
 def test_a_clock_that_is_set_back_leaves_a_silence() -> None:
-    time_s, at = continuous(np.concatenate((TIME_S, TIME_S + 5.0)))
-    assert len(at) == 1
-    steps = np.diff(time_s)
+    steps = np.diff(continuous(np.concatenate((TIME_S, TIME_S + 5.0))))
     assert steps.min() > 0.0
     assert (steps > 0.3).sum() == 1
 
@@ -98,7 +96,7 @@ def test_times_that_are_uneven_in_truth_are_kept() -> None:
 
 
 def test_a_wheel_that_is_never_turned_is_refused() -> None:
-    with pytest.raises(SettingsError, match=r"never turned.*drive a sweep"):
+    with pytest.raises(SettingsError, match=r"hand_wheel_rad hardly changes.*drive a sweep"):
         make_drive(channels(1e-4), "log")
 
 
@@ -114,6 +112,16 @@ def test_columns_are_read_in_the_units_of_their_names(tmp_path) -> None:
     assert speed.values == pytest.approx([10.0, 20.0])
     assert speed.time_s == pytest.approx([0.0, 0.01])
     assert rate.values == pytest.approx([np.pi / 2.0])
+
+
+def test_what_is_beyond_any_car_is_no_sample_and_a_clock_that_stands_no_clock(tmp_path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text("time_s,speed_m_s\n0,1\n1e300,2\n1,1e300\n2,3\n")
+    (speed,) = read_columns(file)
+    assert (speed.time_s.tolist(), speed.values.tolist()) == ([0.0, 2.0], [1.0, 3.0])
+    file.write_text("time_s,speed_m_s\n5,1\n5,2\n")
+    with pytest.raises(SettingsError, match="do not rise"):
+        read_columns(file)
 
 
 def test_a_proposed_mapping_reads_its_table(tmp_path) -> None:

@@ -6,13 +6,10 @@ import signal
 import tomllib
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.identification.delay_margin import DelayMargin
-from steer_by_wire.closed_loop.identification.figures import Figure, Verdict
 from steer_by_wire.plant_emulator.settings import PlantSettings, shared_vehicle
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import load_settings
@@ -112,14 +109,6 @@ def test_what_cannot_be_known_is_refused_in_one_line(log, tmp_path, capsys, know
 def test_times_that_leave_nothing_are_refused_as_such(log, capsys, words) -> None:
     assert main([str(log), *words]) == 2
     assert "no sample between --from and --to" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("value_s", "told"), [(-0.0008, "about 0 ms [0, 12]"), (0.01, "10 ms")])
-def test_no_negative_delay_is_told(value_s, told) -> None:
-    own = Figure("delay_and_lag_s", "s", value_s, 0.0, 0.012, Verdict.IDENTIFIED)
-    margin = DelayMargin("highway_pd", 0.167, 0.163, 0.169, "mass_kg", 0.1)
-    found = SimpleNamespace(speed_m_s=16.7)
-    assert told in program._advice(margin, found, [own])[0]
 
 
 @pytest.mark.parametrize(
