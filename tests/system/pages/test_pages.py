@@ -31,6 +31,7 @@ GIVEN = {
     'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_ "GenMsgCycleTime" BO_ 1281 50;\n',
     "candump.log": "(1.000000) vcan0 110#7D33071027009CFF\n",
     "recording.log": "(1.000000) can0 123#DEADBEEF\n",
+    "out/car/vehicle.toml": "",
     "steer.key": "000102030405060708090a0b0c0d0e0f\n",
     **{
         file.name: file.read_text(encoding="utf-8")
@@ -41,7 +42,8 @@ GIVEN = {
         for file in Path(__file__).with_name("van").glob("*.toml")
     },
 }
-"""Files of the reader's that pages name; ``design`` of lesson 8 writes those of the van."""
+"""Files of the reader's that pages name; ``design`` of lesson 8 writes those of the van, and
+``identify`` that of the car."""
 OF_NODES = (
     "docs/can_wire.md",
     *(f"docs/learn/{it}.md" for it in ("6_measuring", "8_your_car", "12_at_the_limit")),
