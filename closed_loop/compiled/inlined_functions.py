@@ -111,7 +111,7 @@ class InlinedCompiler(_compiler.CompilerBase):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[Any]:
         """Return the one pipeline."""
-        # Neither arrays' expressions nor functions whose text numba inlines: 4 % of a cold start.
+        # Neither arrays' expressions nor functions whose text numba inlines: 5 % of a cold start.
         omitted: list[Any] = [
             typed_passes.InlineOverloads,
             typed_passes.NopythonRewrites,

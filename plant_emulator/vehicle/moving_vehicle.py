@@ -111,15 +111,16 @@ class Motion:
                 return
         if self.is_finite:
             state = self._advance(self._params, self._state, to_ns)
-            _, linear, _ = state
-            self.is_finite = has_finite_vehicle(linear)
-        if not self.is_finite:
-            # Restarted with the vehicle at rest: wheel and path do not depend on its state.
-            started = with_vehicle(self._state, 0.0, 0.0, 0.0, 0.0)
-            after: MotionState = self._steps.advance(self._params, started, to_ns)
-            beta, r, psi, y, _, _, _, _, _, _ = self.linear
-            state = with_vehicle(after, beta, r, psi, y)
-        self._state = state
+            time_ns, linear, _ = state
+            if has_finite_vehicle(linear):
+                self._state, self.time_ns, self.linear = state, time_ns, linear
+                return
+            self.is_finite = False
+        # Restarted with the vehicle at rest: wheel and path do not depend on its state.
+        started = with_vehicle(self._state, 0.0, 0.0, 0.0, 0.0)
+        after: MotionState = self._steps.advance(self._params, started, to_ns)
+        beta, r, psi, y, _, _, _, _, _, _ = self.linear
+        self._state = state = with_vehicle(after, beta, r, psi, y)
         self.time_ns, self.linear, _ = state
 
     def is_limited(self) -> bool:
