@@ -200,7 +200,8 @@ def refuse_hand_wheel(
     if hand_wheel is not None and _reads_history(controller):
         raise NotCompiledError(
             f"law = {controller.law!r} reads the history of the bus, which compiled runs do not"
-            " have with a hand wheel; run the nodes: steer-by-wire run --hand-wheel"
+            " have with a hand wheel; run the nodes: steer-by-wire run --hand-wheel, or a study"
+            " with [base.bus]"
         )
     for way, line in (("downlink", plant.latency.downlink), ("uplink", plant.latency.uplink)):
         if hand_wheel is not None and line.has_trace:

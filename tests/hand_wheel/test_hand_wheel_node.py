@@ -1,5 +1,7 @@
 """The hand wheel as a node: what it sends, what it feels, and what it does without the road."""
 
+from typing import TypeVar
+
 import pytest
 
 from steer_by_wire.dbc.messages import (
@@ -20,6 +22,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.hand_wheel.node import HandWheelNode
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 
+M = TypeVar("M", bound=Message)
 MS_NS = 1_000_000
 START_NS = 5_000_011
 FORCE_N = -100.0
@@ -54,20 +57,16 @@ class Road:
                 self.sent.append((self.now_ns, got.message))
         self.now_ns = end_ns
 
-    def last(self, kind: type[Message]) -> tuple[int, Message]:
-        return next(pair for pair in reversed(self.sent) if isinstance(pair[1], kind))
+    def last(self, kind: type[M]) -> M:
+        return next(message for _, message in reversed(self.sent) if isinstance(message, kind))
 
     @property
     def status(self) -> HandWheelStatus:
-        found = self.last(HandWheelStatus)[1]
-        assert isinstance(found, HandWheelStatus)
-        return found
+        return self.last(HandWheelStatus)
 
     @property
     def state(self) -> HandWheelState:
-        found = self.last(HandWheelState)[1]
-        assert isinstance(found, HandWheelState)
-        return found
+        return self.last(HandWheelState)
 
 
 def force(newtons: float = FORCE_N) -> SteeringForce:
@@ -81,10 +80,6 @@ def orders(steered_by: SteeredBy, answered: int = 0) -> HandWheelFeedback:
         answered_state=answered,
         steered_by=steered_by,
     )
-
-
-def torque_of(settings: HandWheelSettings, newtons: float) -> float:
-    return settings.feedback_params.force_n_m_n * newtons
 
 
 def test_states_come_each_cycle_and_the_status_each_100_ms() -> None:
@@ -101,7 +96,7 @@ def test_the_driver_holds_against_the_roads_torque() -> None:
     road = Road(wheel={"friction_n_m": 0.0})
     road.run(3000, force())
     assert road.status.mode is Mode.ACTIVE
-    torque = torque_of(road.settings, FORCE_N)
+    torque = road.settings.feedback_params.force_n_m_n * FORCE_N
     assert road.status.applied_torque_n_m == pytest.approx(torque, abs=0.02)
     assert road.state.driver_torque_n_m == pytest.approx(-torque, abs=0.02)
     assert road.state.hand_wheel_angle_rad == pytest.approx(torque / 5.0, abs=1e-3)  # light grip

@@ -150,11 +150,8 @@ def settings_of(
     return plant, wheel
 
 
-def kicked(
-    loop: Loop, gradient_n_m: float, kick_n_m: float = 1.5, friction_n_m: float = 0.0
-) -> HandWheelNode:
-    """Return the hand wheel after a run of both nodes in which the driver kicks it once."""
-    plant, wheel = settings_of(loop, gradient_n_m, kick_n_m, friction_n_m)
+def kicked(plant: PlantSettings, wheel: HandWheelSettings) -> HandWheelNode:
+    """Return the hand wheel after a run of both nodes."""
     node = HandWheelNode(wheel, 0, round(DURATION_S / wheel.cycle_s))
     VirtualTimeExecutor((PlantNode(plant, 0, samples_max=0), node)).run(round(DURATION_S * 1e9))
     return node
@@ -165,7 +162,7 @@ def growth_1_s(loop: Loop, gradient_n_m: float) -> float:
 
     It is infinite for a wheel that has soon come to its stops, or to the limit of its motor.
     """
-    samples, cycle_s = kicked(loop, gradient_n_m).samples, loop.cycle_ms / 1e3
+    samples, cycle_s = kicked(*settings_of(loop, gradient_n_m)).samples, loop.cycle_ms / 1e3
     angles = np.array([sample.angle_rad for sample in samples])
     torques = np.array([sample.feedback_torque_n_m for sample in samples])
     beyond = np.flatnonzero((np.abs(angles) > _LINEAR_RAD) | (np.abs(torques) > _LINEAR_N_M))

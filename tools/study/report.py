@@ -84,23 +84,22 @@ def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[st
     """Return at which felt delays a hand wheel shakes, as a section and in lines to print."""
     if rows.felt_delay_s is None or rows.hand_wheel_shakes_hz is None:
         return [], []
-    delay_ms, is_still = 1e3 * rows.felt_delay_s, np.isnan(rows.hand_wheel_shakes_hz)
-    found = []
+    delay_ms, shakes = 1e3 * rows.felt_delay_s, np.isfinite(rows.hand_wheel_shakes_hz)
+    found, lines = [], []
     for factor in study.factors:
-        column = rows.factors[factor.name]
         for label in [] if factor.sets("plant.latency") else factor.labels:
-            of = (column == label) & np.isfinite(delay_ms)
-            still_ms, late_ms = delay_ms[of & is_still], delay_ms[of & ~is_still]
+            of, what = rows.factors[factor.name] == label, f"{factor.name} {label}"
+            count = f"{np.count_nonzero(of & shakes)} of {np.count_nonzero(of)}"
+            still_ms, late_ms = (
+                delay_ms[of & each & np.isfinite(delay_ms)] for each in (~shakes, shakes)
+            )
             most = f"{still_ms.max():.1f}" if len(still_ms) else "-"
             least = f"{late_ms.min():.1f}" if len(late_ms) else "-"
-            found.append((f"{factor.name} {label}", most, least))
-    lines = [
-        f"{what}: still up to {most} ms, shakes from {least} ms" for what, most, least in found
-    ]
-    table = Table(
-        ("Hand wheel", "still up to [ms]", "shakes from [ms]"),
-        [(Cell(what), number(most), number(least)) for what, most, least in found],
-    )
+            found.append((Cell(what), *map(number, (count, most, least))))
+            is_known = len(still_ms) + len(late_ms)
+            felt = f"still up to {most} ms, shakes from {least} ms"
+            lines.append(f"{what}: {felt if is_known else f'{count} runs shake'}")
+    table = Table(("Hand wheel", "shake", "still up to [ms]", "shakes from [ms]"), found)
     text = "By the felt delay: how old the wheel's angle is that the felt torque answers."
     return [Section("When the hand wheel shakes", (text,), tables=[table])], lines
 
