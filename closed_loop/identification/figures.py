@@ -39,7 +39,7 @@ def profile(found: Fit, name: str, progress: Progress = quiet) -> tuple[float, f
 
     at = found.problem.place(name)
     parameter = found.problem.parameters[at]
-    half = half_of(found, at)
+    half = half_of(found, name)
     allowed = found.critical**2 * float(found.covariance[at, at] / found.bare[at, at])
     tolerance = max(1e-5, 0.1 * _NEAR * allowed / found.cost)
 
@@ -197,8 +197,8 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
         if quantity.unit in _POSITIVE or (quantity.name in _DELAYS and high >= 0.0):
             low = max(low, 0.0)
         value = min(max(quantity.function(found.values), low), high)
-        enough = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
-        enough = _ENOUGH.get(quantity.name, enough)
+        by_unit = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
+        enough = _ENOUGH.get(quantity.name, by_unit)
         note, verdict = "", Verdict.IDENTIFIED
         partner = factors.get(quantity.name, "")
         if partner or not high - low <= 2.0 * enough:
@@ -215,15 +215,13 @@ def _ends(found: Fit, quantity: _Quantity, slope: FloatArray) -> tuple[float, fl
     value = quantity.function(found.values)
     half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
     if quantity.name in ("lag_s", "dead_time_s"):
-        square = found.problem.place("lag_squared_s2")
-        its_half = half_of(found, square)
-        if found.x[square] <= its_half:
+        square_s2, its_half = found.values["lag_squared_s2"], half_of(found, "lag_squared_s2")
+        if square_s2 <= its_half:
             # Any lag up to this one is possible, and at 0 the root has no slope.
-            longest_s = sqrt(found.x[square] + its_half)
+            longest_s = sqrt(square_s2 + its_half)
             if quantity.name == "lag_s":
                 return 0.0, longest_s
-            total_s = found.values["delay_and_lag_s"]
-            spread_s = half_of(found, found.problem.place("delay_and_lag_s"))
+            total_s, spread_s = found.values["delay_and_lag_s"], half_of(found, "delay_and_lag_s")
             return total_s - longest_s - spread_s, total_s + spread_s
     if quantity.unit not in _POSITIVE:
         return value - half, value + half
@@ -239,8 +237,8 @@ def _by_profile(
     parameter = sought.get(quantity.source)
     if parameter is None:
         return ends
-    at = found.problem.place(quantity.source)
-    x, half = found.x[at], half_of(found, at)
+    x = found.x[found.problem.place(parameter.name)]
+    half = half_of(found, parameter.name)
     is_near = x - half <= parameter.low or x + half >= parameter.high
     if not is_near and half <= (_SHARE if parameter.is_log else 0.01):
         return ends
@@ -260,8 +258,9 @@ def _by_profile(
     return lower, higher
 
 
-def half_of(found: Fit, at: int) -> float:
-    """Return half of the interval of a coordinate."""
+def half_of(found: Fit, parameter: str) -> float:
+    """Return half of the interval of a parameter's coordinate."""
+    at = found.problem.place(parameter)
     return found.critical * sqrt(float(found.covariance[at, at]))
 
 

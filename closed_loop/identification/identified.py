@@ -112,7 +112,7 @@ def _residual(found: Fit) -> float:
 def _contradicts(found: Fit, alone: Fit) -> bool:
     """Return whether a lateral acceleration moves what the yaw rates say, or fits badly itself."""
     worse = max(rms(e) / rms(own) for e, own in zip(found.errors, alone.errors, strict=False))
-    half_s = half_of(alone, alone.problem.place("delay_and_lag_s"))
+    half_s = half_of(alone, "delay_and_lag_s")
     moved_s = found.values["delay_and_lag_s"] - alone.values["delay_and_lag_s"]
     of_side = max(map(samples_alike, found.errors[len(alone.errors) :]))
     return bool(worse > _WORSE or abs(moved_s) > half_s or of_side > _SIDE_ALIKE_MAX)
@@ -225,17 +225,11 @@ def _refuse_misfit(found: Fit) -> None:
     )
 
 
-class Prediction(NamedTuple):
-    """The residual of a vehicle in another drive."""
+def predict(drive: Drive, vehicle: IdentifiedVehicle) -> tuple[float, list[str]]:
+    """Return the residual of the yaw rate [%] that a vehicle predicts for a drive, and notes.
 
-    residual_percent: float
-    notes: Sequence[str]
-
-
-def predict(drive: Drive, vehicle: IdentifiedVehicle) -> Prediction:
-    """Return how well a vehicle predicts a drive; only offsets of its sensors are sought.
-
-    The delay of the log is corrected where it clearly differs from that of the vehicle's own log.
+    Only offsets of the sensors are sought. The delay of the log is corrected where it clearly
+    differs from that of the vehicle's own log.
     """
     notes, drive = list(drive.notes), _of_rates(drive)
     grid, problem = grid_of(drive), problem_of(drive, vehicle.known)
@@ -248,4 +242,4 @@ def predict(drive: Drive, vehicle: IdentifiedVehicle) -> Prediction:
             f" {'later' if shift_s > 0.0 else 'earlier'} than in the vehicle's log: corrected"
         )
         found = shifted
-    return Prediction(_residual(found), notes)
+    return _residual(found), notes

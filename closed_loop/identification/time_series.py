@@ -118,11 +118,10 @@ def continuous(time_s: FloatArray) -> FloatArray:
 
 
 def without_spikes(channel: Channel) -> tuple[Channel, int]:
-    """Return a channel without spikes and without what is no number, and how many spikes."""
-    known = np.isfinite(channel.time_s) & np.isfinite(channel.values)
-    time_s, values = channel.time_s[known], channel.values[known]
+    """Return a channel without spikes, and how many there were."""
+    time_s, values = channel.time_s, channel.values
     if len(values) < _WINDOW:
-        return channel._replace(time_s=time_s, values=values), 0
+        return channel, 0
     off = np.abs(values - median_filter(values, _WINDOW, mode="nearest"))
     # Of a coarse signal most deviations are 0: so never below its quantum, or a share of its range.
     steps = np.abs(np.diff(values))

@@ -115,10 +115,12 @@ def _run(options: argparse.Namespace) -> int:
         say(NAME, "interrupted while the logs were read: no file is written", sys.stderr)
         return ExitStatus.INTERRUPTED
     if options.predict is not None:
-        prediction = predict(drive, read_vehicle(options.predict))
-        for note in prediction.notes:
-            show(f"note: {note}")
-        show(f"residual of yaw rate: {prediction.residual_percent:.2f} %")
+        percent, notes = predict(drive, read_vehicle(options.predict))
+        for line in [
+            *(f"note: {note}" for note in notes),
+            f"residual of yaw rate: {percent:.2f} %",
+        ]:
+            show(line)
         return ExitStatus.OK
     known = Known() if options.known is None else load_settings(Known, file=options.known)
     progress.keep_the_best()

@@ -93,26 +93,16 @@ def test_a_wheel_that_is_where_it_is_told_to_be_has_next_to_no_lag() -> None:
     assert lag.value < 1e-3
 
 
-def test_a_network_is_told_as_it_was_sent(bus) -> None:
-    text = network_toml(bus.figures, bus.latencies)
-    latency = load_settings(PlantSettings, overrides=_overrides(text)).latency
+def test_a_network_is_told_as_it_was_sent(bus, tmp_path) -> None:
+    file, text = tmp_path / "network.toml", network_toml(bus.figures, bus.latencies)
+    file.write_text(text)
+    latency = load_settings(PlantSettings, file=file).latency
     assert latency.downlink.mean_s == pytest.approx(0.085, abs=0.004)
     assert latency.downlink.spread_s == pytest.approx(0.02, rel=0.15)
     assert latency.uplink.mean_s == pytest.approx(0.03, abs=0.002)
     assert latency.uplink.spread_s == pytest.approx(0.01, rel=0.15)
     assert latency.uplink.loss == pytest.approx(0.02, abs=0.01)
     assert "overtaken" in text
-
-
-def _overrides(text: str) -> list[str]:
-    way, lines = "", []
-    for line in text.splitlines():
-        if line.startswith("["):
-            way = line.strip("[]")
-        elif "=" in line and not line.startswith("#"):
-            key, value = line.split(" = ")
-            lines.append(f"{way}.{key}={value}")
-    return lines
 
 
 def test_a_trace_of_a_log_is_one_that_the_plant_reads(bus, tmp_path) -> None:

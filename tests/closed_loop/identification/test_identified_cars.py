@@ -108,8 +108,7 @@ def test_no_dead_time_is_below_zero() -> None:
 def test_an_estimate_is_told_and_written_within_its_own_interval() -> None:
     """Noise may make a delay of next to nothing negative."""
     one, x = found().found, found().found.x.copy()
-    at = one.problem.place("delay_and_lag_s")
-    x[at] = -0.1 * half_of(one, at)
+    x[one.problem.place("delay_and_lag_s")] = -0.1 * half_of(one, "delay_and_lag_s")
     figures = figures_of(one._replace(x=x), None)
     assert all(it.low <= it.value <= it.high for it in figures)
     written = tomllib.loads(vehicle_toml(one._replace(x=x), figures, 16.7, "a test"))
@@ -127,12 +126,12 @@ def test_a_vehicle_file_predicts_its_own_log(tmp_path) -> None:
     file = tmp_path / "vehicle.toml"
     file.write_text(vehicle_toml(found().found, found().figures, 16.7, "a test"))
     drive = make_drive(drawn().channels, "drawn")
-    prediction = predict(drive, read_vehicle(file))
-    assert prediction.residual_percent == pytest.approx(found().residual_percent, rel=0.01)
+    percent, _ = predict(drive, read_vehicle(file))
+    assert percent == pytest.approx(found().residual_percent, rel=0.01)
     (rate,) = [at for at, one in enumerate(drive.outputs) if one.quantity is Quantity.YAW_RATE]
     late = drive.outputs[rate]._replace(time_s=drive.outputs[rate].time_s + 0.04)
-    prediction = predict(drive._replace(outputs=(late,)), read_vehicle(file))
-    assert "comes 40 ms later" in prediction.notes[-1]
+    _, notes = predict(drive._replace(outputs=(late,)), read_vehicle(file))
+    assert "comes 40 ms later" in notes[-1]
 
 
 def test_a_car_steered_at_the_rear_is_refused_in_words() -> None:
