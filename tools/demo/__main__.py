@@ -42,7 +42,6 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     summary_json,
     verdict_line,
 )
-from steer_by_wire.tools.demo.pictures import draw
 
 VIRTUAL_WORKERS = 2
 POLL_S = 0.1
@@ -121,6 +120,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
+    from steer_by_wire.tools.demo.pictures import draw  # loads matplotlib; its help does without
+
     console = Console(markup=False)  # [mm] is a unit
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
