@@ -11,12 +11,11 @@ from ..runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import Settings, SharedTable, read_table
 from .analysis.nominal_road import Rack, RoadVehicle, road_torque
-from .analysis.sampled_laws import kept_of, sampled_model
 from .cycle import CycleParams
 from .driver import BLIND, DriverParams, Kick, TwoPointParams
 from .feedback_laws import FEEDBACK_LAWS, FeedbackParams
 from .modes import FeedbackSupervision
-from .wheel import GRIPS, HandWheel, LinearSystem
+from .wheel import GRIPS, HandWheel, LinearSystem, kept_of
 from .wheel_step import WheelParams, wheel_params
 
 PRESETS = "steer_by_wire.hand_wheel.presets"
@@ -190,6 +189,8 @@ class HandWheelSettings(Settings):
     @property
     def feedback_params(self) -> FeedbackParams:
         """Constants of the law; computing them takes some milliseconds."""
+        from .analysis.sampled_laws import sampled_model  # loads scipy; every run reads settings
+
         table, model, ratio = self.feedback, self.nominal_model, self.steering_ratio
         gradient = table.torque_gradient_n_m
         force_n_rad = model.front_cornering_stiffness_n_rad * model.trail_m / model.arm_m

@@ -17,6 +17,7 @@ No impedance of arms at a steering wheel was found published. The four grips are
 """
 
 from collections.abc import Mapping
+from math import exp
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -92,3 +93,8 @@ def _parted_wheel(wheel: HandWheel, grip: Grip) -> LinearSystem:
     by_rim = sensor_n_m_rad, -grip.stiffness_n_m - sensor_n_m_rad, -grip.damping_n_m_s
     a[4, [0, 3, 4]] = np.array(by_rim) / (above_kg_m2 + grip.inertia_kg_m2)
     return LinearSystem(a, np.append(on_sensor.b, [0.0, 0.0]), np.append(on_sensor.c, [0.0, 0.0]))
+
+
+def kept_of(cutoff_rad_s: float, cycle_s: float) -> float:
+    """Return the share of a low-pass's state that a cycle leaves."""
+    return exp(-cutoff_rad_s * cycle_s)

@@ -17,12 +17,12 @@ A rate is that of a filtered angle: s ω_d/(s + ω_d). The observers are
     J_n, b_n  inertia and damping that the wheel is to have in the driver's hand
 """
 
-from math import exp
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag, expm
 
-from ..wheel import LinearSystem, Matrix, Row, Rows
+from ..wheel import LinearSystem, Matrix, Row, Rows, kept_of
 
 
 class SampledLaw(NamedTuple):
@@ -37,8 +37,6 @@ class SampledLaw(NamedTuple):
         self, damping_n_m_s: float, cutoff_rad_s: float, cycle_s: float
     ) -> "SampledLaw":
         """Return the law with damping by the filtered rate."""
-        from scipy.linalg import block_diag
-
         kept, gain = _low_pass(cutoff_rad_s, cycle_s)
         a = block_diag(self.a, kept)
         b = np.vstack((self.b, [1.0 - kept, 0.0, 0.0]))
@@ -63,8 +61,6 @@ def sampled_cdob(
     nominal: LinearSystem, cycle_s: float, cutoff_rad_s: float = 50.0, washout_rad_s: float = 2.0
 ) -> SampledLaw:
     """Return a communication disturbance observer; a washout of 0: none."""
-    from scipy.linalg import block_diag
-
     model = zero_order_hold(nominal, cycle_s)
     order = len(model.b)
     kept, kept_slow = kept_of(cutoff_rad_s, cycle_s), kept_of(washout_rad_s, cycle_s)
@@ -94,8 +90,6 @@ def sampled_dob(
 
 def zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:
     """Return the system sampled every ``time_s``, its input held between."""
-    from scipy.linalg import expm  # not before it is needed: every run imports this module
-
     order = len(system.b)
     both = np.zeros((order + 1, order + 1))
     both[:order, :order], both[:order, order] = system.a, system.b
@@ -113,8 +107,3 @@ def sampled_model(road: LinearSystem, cycle_s: float) -> tuple[Rows, Row, Row]:
     """Return G_n, with a servo of first order, and its input held for a cycle, as tuples."""
     a, b, c = (part.tolist() for part in zero_order_hold(road, cycle_s))
     return (tuple(a[0]), tuple(a[1]), tuple(a[2])), tuple(b), tuple(c)
-
-
-def kept_of(cutoff_rad_s: float, cycle_s: float) -> float:
-    """Return the share of a low-pass's state that a cycle leaves."""
-    return exp(-cutoff_rad_s * cycle_s)

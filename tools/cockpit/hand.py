@@ -27,10 +27,9 @@ from ...dbc.messages import (
     SteeringCommand,
     limits,
 )
-from ...hand_wheel.analysis.sampled_laws import kept_of
 from ...hand_wheel.node import RECEIVED, HandWheelNode
 from ...hand_wheel.settings import HandWheelSettings
-from ...hand_wheel.wheel import GRIPS
+from ...hand_wheel.wheel import GRIPS, kept_of
 from ...hand_wheel.wheel_step import Hands
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_MS, Wrapper
