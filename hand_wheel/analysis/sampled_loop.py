@@ -13,7 +13,7 @@ leaves the circle where |L| falls with ω, and comes back where |L| rises. Count
 gives every range of unstable round trips, not only the first one.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from math import pi
 from typing import NamedTuple
 
@@ -84,6 +84,13 @@ def unstable_round_trips(loop: SampledFeedback, up_to_s: float) -> tuple[Unstabl
     return tuple(ranges)
 
 
+def is_unstable_at(ranges: Iterable[UnstableRange], round_trip_s: float) -> bool:
+    """Whether a round trip is in one of the ranges."""
+    return any(
+        low <= round_trip_s and (high is None or round_trip_s < high) for low, high, _ in ranges
+    )
+
+
 def tolerated_jitter_s(loop: SampledFeedback, round_trip_s: float) -> float:
     """Return by how much the round trip may vary above a whole number of cycles, in any pattern.
 
@@ -93,8 +100,7 @@ def tolerated_jitter_s(loop: SampledFeedback, round_trip_s: float) -> float:
     time-varying delays, Automatica 40(8), 2004).
     """
     at_s = round(round_trip_s / loop.cycle_s) * loop.cycle_s
-    ranges = unstable_round_trips(loop, at_s)
-    if any(low <= at_s and (high is None or at_s < high) for low, high, _ in ranges):
+    if is_unstable_at(unstable_round_trips(loop, at_s), at_s):
         return 0.0
     omegas = _grid(loop)
     open_loop = _response_of(loop)(omegas) * np.exp(-1j * omegas * at_s)

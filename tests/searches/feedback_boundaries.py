@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steer_by_wire.closed_loop.scripting.feedback import feedback_loop
-from steer_by_wire.hand_wheel.analysis.sampled_loop import unstable_round_trips
+from steer_by_wire.hand_wheel.analysis.sampled_loop import is_unstable_at, unstable_round_trips
 from steer_by_wire.hand_wheel.node import HandWheelNode
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS
@@ -83,10 +83,7 @@ def is_unstable(loop: Loop, gradient_n_m: float) -> bool:
     sampled = feedback_loop(*settings_of(loop, gradient_n_m))
     assert sampled is not None
     round_trip_s = (loop.down + loop.up) * sampled.cycle_s
-    return any(
-        low <= round_trip_s and (high is None or round_trip_s < high)
-        for low, high, _ in unstable_round_trips(sampled, round_trip_s)
-    )
+    return is_unstable_at(unstable_round_trips(sampled, round_trip_s), round_trip_s)
 
 
 def boundary_n_m(loop: Loop) -> float | None:

@@ -16,6 +16,9 @@ from steer_by_wire.dbc.messages import (
 from tests.support.nodes.plant_link import MS_NS, START_NS, Link, link
 
 LATENCY_MS = 30
+LAW = HandWheelFeedback(
+    feedback_torque_n_m=0.0, steering_ratio=20.0, answered_state=0, steered_by=SteeredBy.LAW
+)
 LATE = {"downlink": {"model": "constant", "mean_s": LATENCY_MS / 1e3}}
 
 
@@ -52,9 +55,7 @@ def test_the_controller_says_who_steers_and_the_ratio() -> None:
     status = tested.last(SteeringStatus)
     assert status.wheel_angle_rad == pytest.approx(0.02)
     assert status.status is SteeringStatusCode.DRIVER_STEERS
-    law = HandWheelFeedback(
-        feedback_torque_n_m=0.0, steering_ratio=10.0, answered_state=0, steered_by=SteeredBy.LAW
-    )
+    law = LAW._replace(steering_ratio=10.0)
     send(tested, law, START_NS + 151 * MS_NS, 0)
     tested.command(START_NS + 160 * MS_NS, -0.01)
     driven(range(162, 240), 0.4, tested)
@@ -78,11 +79,8 @@ def test_a_hand_wheel_that_falls_silent_is_held_then_straightened() -> None:
 
 def test_the_driver_steers_once_the_controller_is_silent() -> None:
     tested = plant()
-    law = HandWheelFeedback(
-        feedback_torque_n_m=0.0, steering_ratio=20.0, answered_state=0, steered_by=SteeredBy.LAW
-    )
     for ms in range(0, 200, 10):
-        send(tested, law, START_NS + ms * MS_NS, ms // 10)
+        send(tested, LAW, START_NS + ms * MS_NS, ms // 10)
         tested.command(START_NS + ms * MS_NS, 0.01)
     driven(range(200, 600), 0.4, tested)
     assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.01)
