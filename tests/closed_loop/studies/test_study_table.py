@@ -34,11 +34,8 @@ def test_the_columns_are_those_that_are_stored(tmp_path: Path) -> None:
             table[name], stored[name].to_numpy(zero_copy_only=False), err_msg=name
         )
     levels = np.unique(table["mean_s"]), np.unique(table["jitter"]), np.unique(table["road"])
-    assert [list(level) for level in levels] == [
-        [0.0, 0.08, 0.2],
-        [0.0, 0.4],
-        ["practical_ellipse", "straight"],
-    ]
+    roads = ["practical_ellipse", "straight"]
+    assert [list(level) for level in levels] == [[0.0, 0.08, 0.2], [0.0, 0.4], roads]
 
 
 def test_a_study_file_that_cannot_be_run_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -80,10 +77,7 @@ KINDS: dict[str, dict[str, Any]] = {
         }
     },
     "sensors": {"controller": "practical_predictor", "overrides": {"plant.sensor_period_ms": 20.0}},
-    "faults": {
-        "engine": "virtual",
-        "overrides": {"plant.faults": [FAULT]},
-    },
+    "faults": {"engine": "virtual", "overrides": {"plant.faults": [FAULT]}},
     "bus": {"engine": "virtual", "bus": {"load": 0.7}},
     "hand wheel": {"hand_wheel": "two_point", "overrides": {"hand_wheel.cycle_ms": 5}},
     "hand wheel on a bus": {"hand_wheel": "still", "engine": "virtual", "bus": {"load": 0.3}},
@@ -204,14 +198,8 @@ def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set
         ({"over": {"controller": ["practical_p"]}}, r"practical_p.*did you mean practical_pd"),
         ({"over": {"controller": "practical_pd"}}, "sweep over controller: takes a list of values"),
         ({"over": {"latency_s": 0.1}}, r"sweep over latency_s: takes a list of values, not 0\.1"),
-        (
-            {"over": {"latency_s": [0.1]}, "latency_s": 0.2},
-            "given as an argument too; leave one out",
-        ),
-        (
-            {"over": {"loss": [0.1, float("nan")]}},
-            r"^sweep: factors\[0\].values\[1\] = NaN cannot[^\n]*$",
-        ),
+        ({"over": {"latency_s": [0.1]}, "latency_s": 0.2}, "given as an argument too; leave one"),
+        ({"over": {"loss": [0.1, nan]}}, r"^sweep: factors\[0\].values\[1\] = NaN cannot[^\n]*$"),
         ({"over": {"plant": ["paper_nominal"]}}, r"sweep over plant: takes one; sweep over keys"),
         ({"over": {}, "latencies": []}, "latencies: holds none"),
         ({"over": {}, "overrides": {"sed": 1}}, r"key sed starts with neither plant\. nor"),
