@@ -33,10 +33,7 @@ from .law_code import CompiledLaw, LawCode, compiled_law, innermost_cause, is_of
 from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, quantised
 from .loop import COMPLETE, IS_OVERRULED, LAW_FAILED, SPEED_CHANGED, TAKEN_OVER, run_segment
 from .loop_records import (
-    ARC_LENGTH,
-    CURVATURE,
     ERROR,
-    HEADING,
     LAW_OUTPUT,
     MEASURED,
     SENT,
@@ -45,8 +42,6 @@ from .loop_records import (
     STATE_SAMPLE,
     TICK_SAMPLE,
     TYRES,
-    WHEEL,
-    YAW_RATE,
     Constants,
     Inbox,
     Instants,
@@ -58,12 +53,7 @@ from .loop_records import (
 from .memory import KEPT_BYTES, memory_of, unpacked
 from .motion_arrays import cg_deviations_m, compiled_motion
 from .refusals import SLOWEST_M_S, NotCompiledError, refuse
-from .schedule import (
-    RunSchedule,
-    inbox_of,
-    quantised_speed_m_s,
-    schedule_run,
-)
+from .schedule import RunSchedule, inbox_of, quantised_speed_m_s, schedule_run
 from .step_functions import register_car
 
 if TYPE_CHECKING:
@@ -398,16 +388,12 @@ def _collected(
         samples -= 1  # a car that has left its path
     window, steered = slice(first, samples), slice(schedule.first_tick, ticks)
     of_samples = r.samples[:, window]
+    # The rows from ERROR to SPEED have the order of the fields.
+    signals = dict(zip(CompiledRun._fields[2:], of_samples[:MEASURED], strict=False))
     return CompiledRun(
         outcome=outcome,
         time_s=schedule.time_s[: samples - first],
-        lateral_error_m=of_samples[ERROR],
-        heading_error_rad=of_samples[HEADING],
-        yaw_rate_rad_s=of_samples[YAW_RATE],
-        wheel_angle_rad=of_samples[WHEEL],
-        curvature_1_m=of_samples[CURVATURE],
-        arc_length_m=of_samples[ARC_LENGTH],
-        speed_m_s=of_samples[SPEED],
+        **signals,
         tyres=of_samples[TYRES:],
         command=r.command[window],
         tick_s=schedule.tick_s[steered],

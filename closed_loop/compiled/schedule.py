@@ -17,13 +17,7 @@ from ...controller.history.plan import ROW_LENGTH
 from ...controller.law_interface import History
 from ...controller.node.modes import Supervisor, supervision_of
 from ...controller.settings import ControllerSettings
-from ...dbc.messages import (
-    Mode,
-    PathAhead,
-    VehicleState,
-    limits,
-    resolutions,
-)
+from ...dbc.messages import Mode, PathAhead, VehicleState, limits, resolutions
 from ...plant_emulator.sensors.path_ahead import VALUES, spacing_m
 from ...plant_emulator.sensors.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings

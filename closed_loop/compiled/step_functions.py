@@ -35,11 +35,7 @@ from ...controller.prediction.vehicle_kalman_filter import (
 from ...dbc.messages import LawNumber
 from ...plant_emulator.vehicle.car.car_choice import BUILT_IN, CARS, drive_step, start_of_own
 from ...plant_emulator.vehicle.car.car_motion import CarMotionParams, tyres_of_car
-from ...plant_emulator.vehicle.car.steering_choice import (
-    STEERINGS,
-    steering_at_rest,
-    steering_step,
-)
+from ...plant_emulator.vehicle.car.steering_choice import STEERINGS, steering_at_rest, steering_step
 from ...plant_emulator.vehicle.motion_choice import MOTIONS
 from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import SettingsError

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...controller.settings import ControllerSettings
 from ...hand_wheel.settings import HandWheelSettings
-from ...plant_emulator.evaluation.grip_used import GripWatch, grip_step
+from ...plant_emulator.evaluation.grip_used import GripUsed, grip_step
 from ...plant_emulator.evaluation.run_verdict import RANGE_M, RUN_ENDS, RunEnd, Verdict, end_of
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
@@ -86,11 +86,12 @@ def _figures(
 
 def _grip_used_s(run: CompiledRun, beyond_m: FloatArray) -> float:
     """Return it as in ``Figures``, of a car that has left its lane."""
-    grip = GripWatch()
+    grip = GripUsed()
     for time_s, use, off_m in zip(run.time_s, run.axle_uses(), beyond_m, strict=False):
         grip = grip_step(grip, time_s, use.front_grip_used, use.rear_grip_used, off_m)
     has_left_path = run.outcome is Outcome.LEFT_RANGE and abs(run.lateral_error_m[-1]) < RANGE_M
-    return grip.of_run(run.time_s[-1] if has_left_path else math.nan).first_s
+    report = grip.report(run.time_s[-1] if has_left_path else math.nan)
+    return math.nan if report is None else report["from_s"]
 
 
 class Computed(NamedTuple):

@@ -180,15 +180,11 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     dialect = str(folder / settings.base.dialect) if settings.base.dialect else ""
     has_bus = settings.base.bus is not None or any(factor.sets("bus.") for factor in factors)
     base = settings.base
-    study = study_of(
-        settings,
-        file,
-        plant_tables(base, file, folder, naming(read_language(dialect))),
-        {name: controller_tables(base, name, file, folder) for name in base.names},
-        bus_tables(base, file) if has_bus else None,
-        dialect,
-        hand_wheels=_hand_wheels(base, factors, file, folder),
-    )
+    plant = plant_tables(base, file, folder, naming(read_language(dialect)))
+    controllers = {name: controller_tables(base, name, file, folder) for name in base.names}
+    bus = bus_tables(base, file) if has_bus else None
+    wheels = _hand_wheels(base, factors, file, folder)
+    study = study_of(settings, file, plant, controllers, bus, dialect, hand_wheels=wheels)
     if study.bus is None:
         _refuse_without_bus(study)
     defaults = VerdictRules().model_dump(mode="json")

@@ -22,11 +22,4 @@ def _design(settings: "LawSettings") -> PdParams:
     return design_pd(settings.pd, settings.period_s)
 
 
-LAW = Law(
-    pd_law_step,
-    pd_at_rest,
-    _design,
-    LawNumber.PD,
-    needs=("pd",),
-    commands_read=last_command,
-)
+LAW = Law(pd_law_step, pd_at_rest, _design, LawNumber.PD, needs=("pd",), commands_read=last_command)

@@ -170,11 +170,7 @@ def outlook_of(p: PredictorParams, x: PredictorState, observed: LawInput) -> Out
 
 
 def faded(
-    p: PredictorParams,
-    x: PredictorState,
-    seen: Outlook,
-    x_fallback: PdDdobState,
-    output: LawOutput,
+    p: PredictorParams, x: PredictorState, seen: Outlook, x_fallback: PdDdobState, output: LawOutput
 ) -> tuple[PredictorState, LawOutput]:
     """Return state and output, with the difference to another law's command fading out."""
     # The steps between two masses are small, and a plan does not fade.

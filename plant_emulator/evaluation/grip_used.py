@@ -2,8 +2,8 @@
 
 The grip of an axle is used up at a sample where its tyres give USED_UP of μ F_z or more
 (``vehicle.car.axle_use``). Samples count until a corner of the body is first beyond an edge of the
-lane: what happens after that is not why the lane was left. Of a car that has left its path as well,
-as by a spin, and had grip in its lane, the samples until then count.
+lane: what happens after that is not why the lane was left. Of a car that still had grip then, and
+leaves its path as well, as by a spin, the samples until it does count.
 """
 
 import math
@@ -17,7 +17,7 @@ USED_UP = 0.99
 class GripUsed(NamedTuple):
     """Samples that count, those with an axle's grip used up, and when each first was; NaN: never.
 
-    ``left_s``  when the lane, or the path, was left; NaN: it was not
+    ``left_s``  when the lane was left without grip; NaN: it was not
     """
 
     samples: int = 0
@@ -25,60 +25,42 @@ class GripUsed(NamedTuple):
     rear: int = 0
     front_s: float = math.nan
     rear_s: float = math.nan
+    has_left_lane: bool = False
     left_s: float = math.nan
 
-    @property
-    def first_s(self) -> float:
-        """When the grip that a car lacked later was first used up; NaN: it had enough."""
-        known_s = [time_s for time_s in (self.front_s, self.rear_s) if not math.isnan(time_s)]
-        return min(known_s) if known_s and not math.isnan(self.left_s) else math.nan
+    def report(self, left_path_s: float) -> Mapping[str, Any] | None:
+        """Return what the verdict names, ready for JSON; None where there was grip.
 
-
-class GripWatch(NamedTuple):
-    """The grip used up to the end of the lane, and in the whole run."""
-
-    in_lane: GripUsed = GripUsed()
-    in_all: GripUsed = GripUsed()
-
-    def of_run(self, left_path_s: float) -> GripUsed:
-        """Return what the verdict names; ``left_path_s``  NaN for a car that has not left it."""
-        if math.isnan(self.in_lane.first_s):
-            return self.in_all._replace(left_s=left_path_s)
-        return self.in_lane
+        ``left_path_s``  NaN for a car that has not left its path
+        """
+        left, left_s = "lane", self.left_s
+        if math.isnan(left_s):
+            left, left_s = "path", left_path_s
+        axles = {"front": (self.front, self.front_s), "rear": (self.rear, self.rear_s)}
+        used = {
+            axle: {"share": count / self.samples, "from_s": from_s}
+            for axle, (count, from_s) in axles.items()
+            if count
+        }
+        if not used or math.isnan(left_s):
+            return None
+        from_s = min(one["from_s"] for one in used.values())
+        return {"left": left, "left_s": left_s, "from_s": from_s, **used}
 
 
 def grip_step(
-    x: GripWatch, time_s: float, front_use: float, rear_use: float, beyond_lane_m: float
-) -> GripWatch:
+    x: GripUsed, time_s: float, front_use: float, rear_use: float, beyond_lane_m: float
+) -> GripUsed:
     """Take a sample: its time, what both axles use of their friction, and where the body is."""
-    in_lane, in_all = x
-    samples, front, rear, front_s, rear_s, left_s = in_all
-    if in_lane.left_s >= 0.0:
-        pass
-    elif beyond_lane_m > 0.0:
-        in_lane = GripUsed(samples, front, rear, front_s, rear_s, time_s)
+    samples, front, rear, front_s, rear_s, has_left_lane, left_s = x
+    if not math.isnan(left_s):
+        return x
+    if beyond_lane_m > 0.0 and not has_left_lane:
+        if front or rear:
+            return x._replace(has_left_lane=True, left_s=time_s)
+        has_left_lane = True
     if front_use >= USED_UP:
-        front += 1
-        front_s = time_s if front == 1 else front_s
+        front, front_s = front + 1, front_s if front else time_s
     if rear_use >= USED_UP:
-        rear += 1
-        rear_s = time_s if rear == 1 else rear_s
-    return GripWatch(in_lane, GripUsed(samples + 1, front, rear, front_s, rear_s, left_s))
-
-
-def grip_report(watch: GripWatch, left_path_s: float) -> Mapping[str, Any] | None:
-    """Return what the verdict names, ready for JSON; None where the car had grip."""
-    used = watch.of_run(left_path_s)
-    if math.isnan(used.first_s):
-        return None
-    axles = {"front": (used.front, used.front_s), "rear": (used.rear, used.rear_s)}
-    return {
-        "left": "lane" if used is watch.in_lane else "path",
-        "left_s": used.left_s,
-        "from_s": used.first_s,
-        **{
-            axle: {"share": count / used.samples, "from_s": from_s}
-            for axle, (count, from_s) in axles.items()
-            if count
-        },
-    }
+        rear, rear_s = rear + 1, rear_s if rear else time_s
+    return GripUsed(samples + 1, front, rear, front_s, rear_s, has_left_lane, left_s)

@@ -51,7 +51,7 @@ def motion_report(
         "settled_s": rules.settled_s,
         "settled_peak_m": _known(peaks_m.settled_m),
         "beyond_lane_m": _known(peaks_m.beyond_lane_m),
-        "grip_used": figures.grip_used,
+        "grip_used": figures.grip.report(figures.left_path_s),
         "corridor": outside._asdict() if outside and outside.section else None,
         "limited_share": sum(figures.limited.values()) / max(samples, 1),
         "limited_share_by": {

@@ -158,11 +158,7 @@ def _within(node: Report) -> str:
     return f"; the body within the corridor by {free} or more, least at {_in_corridor(node)}"
 
 
-_POINTS = {
-    "preview": "preview point",
-    "centre_of_gravity": "car",
-    "rear_axle": "rear axle",
-}
+_POINTS = {"preview": "preview point", "centre_of_gravity": "car", "rear_axle": "rear axle"}
 _REASONS: Mapping[Verdict, Callable[[Report], str]] = {
     Verdict.NO_START: lambda _node: "no command ever reached the plant",
     Verdict.TOO_SHORT: lambda _node: (

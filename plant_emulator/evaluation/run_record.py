@@ -3,9 +3,9 @@
 import csv
 import math
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path as FilePath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ...dbc.messages import SteeringCommand
 from ...runtime.fast_named_tuple import new_record
@@ -17,7 +17,7 @@ from ..vehicle.car.axle_use import AxleUse
 from ..vehicle.exact_propagation import LinearState
 from ..vehicle.moving_vehicle import Motion
 from ..vehicle.settings import VehicleSettings
-from .grip_used import GripWatch, grip_report, grip_step
+from .grip_used import GripUsed, grip_step
 from .held_figures import NOTHING_HELD, HeldRules, held_step
 from .run_verdict import Peaks, VerdictRules, samples_judged
 
@@ -79,7 +79,7 @@ class RunningFigures:
         self.rules, self.held = rules, NOTHING_HELD
         self.outside: Outside | None = None
         self.beyond_lane_m = math.nan
-        self.grip, self.left_path_s = GripWatch(), math.nan
+        self.grip, self.left_path_s = GripUsed(), math.nan
         self.limited: Counter[str] = Counter()
         self.newest_m: deque[float] = deque(maxlen=newest)
         self.newest_wheel_rad: deque[float] = deque(maxlen=newest)
@@ -93,11 +93,6 @@ class RunningFigures:
         self.newest_wheel_rad.append(wheel_rad)
         if limit:
             self.limited[limit] += 1
-
-    @property
-    def grip_used(self) -> Mapping[str, Any] | None:
-        """As ``grip_report``."""
-        return grip_report(self.grip, self.left_path_s)
 
     @property
     def peaks_m(self) -> Peaks:

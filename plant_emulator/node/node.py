@@ -391,7 +391,7 @@ class PlantNode:
             return NOT_FINITE_VEHICLE
         figures = self._record.figures
         figures.left_path_s = motion_s
-        used_up = grip_text(figures.grip_used)
+        used_up = grip_text(figures.grip.report(motion_s))
         return f"{LEFT_PATH}; {used_up}" if used_up else LEFT_PATH
 
     def _fail(self, failure: str, due_ns: int) -> None:

@@ -169,9 +169,5 @@ class Motion:
     def pose(self) -> Pose:
         """Position of the centre of gravity and heading of the vehicle."""
         return vehicle_pose(
-            self.path,
-            self.arc_length_m,
-            self.linear[PSI],
-            self.linear[Y],
-            self.preview_distance_m,
+            self.path, self.arc_length_m, self.linear[PSI], self.linear[Y], self.preview_distance_m
         )

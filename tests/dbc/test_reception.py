@@ -46,13 +46,7 @@ def command(number: int, steer_rad: float = 0.1) -> Frame:
         (TRUE._replace(flags=FD), "wrong_format"),
         (TRUE._replace(flags=FD | BITRATE_SWITCH, data=bytes(20)), "no_key"),
         (TRUE._replace(data=bytes([TRUE.data[0] ^ 1]) + TRUE.data[1:]), "bad_crc"),
-        (
-            encode(
-                motion_of(1.4, 0.1, 0.02),
-                0,
-            )._replace(can_id=TRUE.can_id),
-            "masqueraded",
-        ),
+        (encode(motion_of(1.4, 0.1, 0.02), 0)._replace(can_id=TRUE.can_id), "masqueraded"),
         (command(0), "own_identifier"),
         (TRUE, "repeated"),
         (encode(ERROR_OF, 255), "out_of_order"),

@@ -86,12 +86,7 @@ def test_each_law_turns_the_wheel_back(law: str) -> None:
 def felt(most_n_m_s: float, delay: int) -> list[float]:
     """Return the energy given to the feedback by a swinging wheel on a spring that comes late."""
     wheel = hand_wheel(5.0, passive_n_m_s_max=most_n_m_s or 1e-12)
-    p, state, energies, energy = (
-        wheel.feedback_params,
-        FEEDBACK_AT_REST,
-        [],
-        0.0,
-    )
+    p, state, energies, energy = (wheel.feedback_params, FEEDBACK_AT_REST, [], 0.0)
     times = np.arange(2000) * wheel.cycle_s
     angles, rates = 0.2 * np.sin(9.0 * times), 1.8 * np.cos(9.0 * times)
     for index, rate in enumerate(rates.tolist()):

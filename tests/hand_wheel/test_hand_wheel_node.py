@@ -75,10 +75,7 @@ def force(newtons: float = FORCE_N) -> SteeringForce:
 
 def orders(steered_by: SteeredBy, answered: int = 0) -> HandWheelFeedback:
     return HandWheelFeedback(
-        feedback_torque_n_m=0.0,
-        steering_ratio=16.0,
-        answered_state=answered,
-        steered_by=steered_by,
+        feedback_torque_n_m=0.0, steering_ratio=16.0, answered_state=answered, steered_by=steered_by
     )
 
 

@@ -35,10 +35,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments
 from steer_by_wire.runtime.port.port import open_port
-from steer_by_wire.runtime.program.bus_options import (
-    add_traffic_arguments,
-    bus_settings,
-)
+from steer_by_wire.runtime.program.bus_options import add_traffic_arguments, bus_settings
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.lane import Lane
 from steer_by_wire.tools.cockpit.lanes import OwnLanes

@@ -108,8 +108,7 @@ class ResetFigures(Settings):
 
 
 Wish = Annotated[
-    SetLatency | Disturb | Start | Steer | Act | Record | ResetFigures,
-    Field(discriminator="do"),
+    SetLatency | Disturb | Start | Steer | Act | Record | ResetFigures, Field(discriminator="do")
 ]
 _WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
 

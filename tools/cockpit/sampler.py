@@ -23,7 +23,7 @@ from ...dbc.codec.layout import SignalLayout
 from ...dbc.contract.generated_layout import LAYOUTS
 from ...dbc.listening import OUR_MESSAGES, Listening
 from ...hand_wheel.shaking import shaking, shaking_text
-from ...plant_emulator.evaluation.grip_used import GripWatch, grip_report, grip_step
+from ...plant_emulator.evaluation.grip_used import GripUsed, grip_step
 from ...plant_emulator.evaluation.report_in_words import grip_text
 from ...plant_emulator.path.path import Path, Pose, along_clothoid, pose
 from ...plant_emulator.vehicle.car.car_step import NEARNESS_MIN
@@ -174,7 +174,7 @@ class Sampler:
 
     def reset_figures(self) -> None:
         """Let the running figures start again."""
-        self._score, self._grip = Score(), GripWatch()
+        self._score, self._grip = Score(), GripUsed()
 
     def on_late_read(self, late_ns: int, now_ns: int) -> None:
         """Take note that a frame was read ``late_ns`` after it may have come."""
@@ -280,7 +280,7 @@ class Sampler:
 
     def grip_text(self, now_ns: int) -> str:
         """Return whether the tyres had used up their grip before the lane was left, or empty."""
-        return grip_text(grip_report(self._grip, self._s(now_ns) if self.is_lost else math.nan))
+        return grip_text(self._grip.report(self._s(now_ns) if self.is_lost else math.nan))
 
     def _s(self, now_ns: int) -> float:
         return (now_ns - self.start_ns) / NS_PER_S

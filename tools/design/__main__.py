@@ -73,9 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="folder for pictures and the plant's settings (default: as --out)",
     )  # fmt: skip
     parser.add_argument(
-        "--verify",
-        action="store_true",
-        help="also run every corner and delay in virtual time",
+        "--verify", action="store_true", help="also run every corner and delay in virtual time"
     )
     parser.add_argument(
         "--minutes", type=number(0.0, 10_000.0, excludes_low=True), default=MINUTES, metavar="M",

@@ -40,11 +40,7 @@ _SAMPLES_PER_TICK = 4
 
 
 def course_grid(
-    spec: Specification,
-    vehicle: VehicleFile,
-    delays_ns: Sequence[int],
-    *,
-    takes_map: bool = False,
+    spec: Specification, vehicle: VehicleFile, delays_ns: Sequence[int], *, takes_map: bool = False
 ) -> TrackingGrid:
     """Return the runs of a specification, judged by the car.
 

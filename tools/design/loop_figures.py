@@ -83,10 +83,7 @@ class LoopFigures(NamedTuple):
 
 
 def circle_grid(
-    models: Sequence[TransferFunction],
-    delays_ns: Sequence[int],
-    period_ns: int,
-    points: int,
+    models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, points: int
 ) -> CircleGrid:
     """Return the grid, without z = 1."""
     scale = _OMEGA_RAD_S_MIN * period_ns / NS_PER_S

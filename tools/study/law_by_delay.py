@@ -210,10 +210,7 @@ def draw_error_over_delay(
     axes.set_yscale("log")
     for formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         formatter(LogFormatter(labelOnlyBase=False))  # plain numbers, in less than a decade too
-    axes.set(
-        xlabel="mean delay [ms]",
-        ylabel="RMS of the car once it has settled, worst [mm]",
-    )
+    axes.set(xlabel="mean delay [ms]", ylabel="RMS of the car once it has settled, worst [mm]")
     axes.set_title(f"Which delay each law tolerates: {found.conditions[0]}")
     figure.legend(loc="outside lower center", ncols=2)
     return figure

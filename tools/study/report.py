@@ -193,12 +193,10 @@ def study_section(study: Study, rows: Rows) -> Section:
 
 def _grip(study: Study, rows: Rows) -> list[str]:
     """Return the sentence that names the grip; none where no run has used it up."""
-    is_used_up = np.isfinite(rows.grip_used_s)
-    runs = np.bincount(rows.controller[is_used_up], minlength=len(study.names)).tolist()
-    named = [f"{name} {count:,}" for name, count in zip(study.names, runs, strict=True) if count]
-    if not named:
-        return []
-    return [f"Runs that left the lane once the tyres had used up their grip: {', '.join(named)}."]
+    runs = np.bincount(rows.controller[np.isfinite(rows.grip_used_s)]).tolist()
+    named = ", ".join(f"{study.names[of]} {count:,}" for of, count in enumerate(runs) if count)
+    found = f"Runs that left the lane once the tyres had used up their grip: {named}."
+    return [found] if named else []
 
 
 def _factor(factor: Factor) -> str:

@@ -77,15 +77,9 @@ def drive(plant: PlantSettings, speed_m_s: float, program: Program, duration_s: 
     The program gives the command to the steering's actuator, every millisecond. Road, speed
     control, tyres and steering are those of the plant; no disturbance acts.
     """
-    vehicle = plant.vehicle.model_copy(
-        update={
-            "speed_m_s": speed_m_s,
-            "initial_lateral_error_m": 0.0,
-            "initial_heading_error_rad": 0.0,
-        }
-    )
+    start = {"initial_lateral_error_m": 0.0, "initial_heading_error_rad": 0.0}
     on_straight = {
-        "vehicle": vehicle,
+        "vehicle": plant.vehicle.model_copy(update={"speed_m_s": speed_m_s, **start}),
         "car": car_of(plant).model_copy(update={"speed": ()}),
         "path": StraightSettings(),
         "disturbance": DisturbanceSettings(),
@@ -104,18 +98,8 @@ def drive(plant: PlantSettings, speed_m_s: float, program: Program, duration_s: 
         side_slip_rad, yaw_rate_rad_s, _, _, wheel_rad, *_ = shown
         car = now.car
         aside_m = car.lateral_error_m - params.preview_distance_m * sin(car.heading_error_rad)
-        rows.append(
-            (
-                at_s,
-                command_rad,
-                wheel_rad,
-                car.speed_m_s,
-                side_slip_rad,
-                yaw_rate_rad_s,
-                car.lateral_m_s2,
-                aside_m,
-            )
-        )
+        turning = side_slip_rad, yaw_rate_rad_s, car.lateral_m_s2
+        rows.append((at_s, command_rad, wheel_rad, car.speed_m_s, *turning, aside_m))
         state = advance_car(params, state, (step + 1) * STEP_NS)
     return Drive(*np.array(rows).T)
 
@@ -219,15 +203,9 @@ def scores_of(plant: PlantSettings, settings: VehicleTestSettings) -> CarScores:
         drive(plant, DWELL_M_S, sine_with_dwell(factor * dwell_rad), DWELL_ENDS_S + 2.0)
         for factor in DWELL_FACTORS
     ]
-    return CarScores(
-        steady_score(plant, turning),
-        step_score(stepping),
-        sine_score(waving, period_s),
-        dwell_score(dwelling),
-        turning,
-        stepping,
-        dwelling[-1],
-    )
+    steady, step = steady_score(plant, turning), step_score(stepping)
+    sine, dwell = sine_score(waving, period_s), dwell_score(dwelling)
+    return CarScores(steady, step, sine, dwell, turning, stepping, dwelling[-1])
 
 
 def _steer_rad(plant: PlantSettings, speed_m_s: float, lateral_m_s2: float) -> float:
@@ -260,14 +238,12 @@ def step_score(run: Drive) -> StepScore:
     half_s = _reached_s(run, run.wheel_rad, 0.5)
     yaw_peak = int(np.argmax(np.abs(run.yaw_rate_rad_s)))
     peak_s = float(run.time_s[yaw_peak]) - half_s
-    return StepScore(
-        _reached_s(run, run.yaw_rate_rad_s, 0.9) - half_s,
-        peak_s,
-        float(run.yaw_rate_rad_s[yaw_peak] / run.yaw_rate_rad_s[-1]) - 1.0,
-        _reached_s(run, run.lateral_m_s2, 0.9) - half_s,
-        peak_s * abs(float(run.side_slip_rad[-1])),
-        half_s,
+    overshoot = float(run.yaw_rate_rad_s[yaw_peak] / run.yaw_rate_rad_s[-1]) - 1.0
+    yaw_s, lateral_s = (
+        _reached_s(run, values, 0.9) - half_s for values in (run.yaw_rate_rad_s, run.lateral_m_s2)
     )
+    tb_s_rad = peak_s * abs(float(run.side_slip_rad[-1]))
+    return StepScore(yaw_s, peak_s, overshoot, lateral_s, tb_s_rad, half_s)
 
 
 def _reached_s(run: Drive, values: NDArray[np.float64], share: float) -> float:

@@ -228,32 +228,14 @@ def _curvature_1_m(path: Path, place: Place, arc_length_m: float) -> float:
 
 def _shown(p: CarMotionParams, x: CarMoment) -> LinearState:
     """Return what sensors read."""
-    car = x.car
-    u, v, lateral_m, heading_rad = (
-        car.speed_m_s,
-        car.lateral_speed_m_s,
-        car.lateral_error_m,
-        car.heading_error_rad,
-    )
+    car, wheel = x.car, x.steering
+    u, lateral_m, heading_rad = car.speed_m_s, car.lateral_error_m, car.heading_error_rad
     rho = _curvature_1_m(p.path, x.place, car.arc_length_m)
     if abs(heading_rad) > HEADING_RAD_MAX or 1.0 - rho * lateral_m < NEARNESS_MIN:
         lateral_m = inf
-    side_slip_rad = arctan(v / u) if u > 0.0 else 0.0
-    wheel = x.steering
-    wheel_rad, rate_rad_s = wheel.wheel_rad, wheel.wheel_rate_rad_s
-    yaw_rate = car.yaw_rate_rad_s
-    return (
-        side_slip_rad,
-        yaw_rate,
-        heading_rad,
-        lateral_m,
-        wheel_rad,
-        rate_rad_s,
-        rho,
-        0.0,
-        0.0,
-        0.0,
-    )
+    side_slip_rad = arctan(car.lateral_speed_m_s / u) if u > 0.0 else 0.0
+    vehicle = side_slip_rad, car.yaw_rate_rad_s, heading_rad, lateral_m
+    return (*vehicle, wheel.wheel_rad, wheel.wheel_rate_rad_s, rho, 0.0, 0.0, 0.0)
 
 
 def interval_end_ns_of(x: CarMotionState) -> int:

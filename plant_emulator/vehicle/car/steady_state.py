@@ -50,21 +50,14 @@ def steady_turn(
         limit_n = p.friction * friction * load_n
         force_n = side_n * arm_m / wheelbase_m
         slip = _slip(tyre, load_n, limit_n, force_n)
-        ends = (lateral_n(tyre, load_n, limit_n, slip + d) for d in (-_SMALL, _SMALL))
-        below_n, above_n = ends
+        below_n, above_n = (lateral_n(tyre, load_n, limit_n, slip + d) for d in (-_SMALL, _SMALL))
         slips.append(slip)
         slopes.append((above_n - below_n) / (2.0 * _SMALL))
         shares.append(abs(force_n) / limit_n)
-    linear = VehicleParams(
-        speed_m_s,
-        p.mass_kg,
-        vehicle.yaw_inertia_kg_m2,
-        slopes[0],
-        slopes[1],
-        p.front_axle_m,
-        p.rear_axle_m,
-        p.preview_m,
-    )
+    body = speed_m_s, p.mass_kg, vehicle.yaw_inertia_kg_m2
+    front_n_rad, rear_n_rad = slopes
+    places_m = p.front_axle_m, p.rear_axle_m, p.preview_m
+    linear = VehicleParams(*body, front_n_rad, rear_n_rad, *places_m)
     return SteadyTurn(wheelbase_m * curvature_1_m + slips[0] - slips[1], max(shares), linear)
 
 

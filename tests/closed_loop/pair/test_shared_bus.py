@@ -80,10 +80,7 @@ def test_a_cycle_time_below_zero_is_none(tmp_path: Path) -> None:
     [
         (b"", "is empty"),
         (b"\x7fELF" + bytes(900), "is a binary file, no database of CAN messages"),
-        (
-            b"BO_ \x01" + 900 * b"\x7f\x02 ",
-            r"no \.dbc file that cantools reads: .{,440}",
-        ),
+        (b"BO_ \x01" + 900 * b"\x7f\x02 ", r"no \.dbc file that cantools reads: .{,440}"),
     ],
 )
 def test_a_file_that_is_no_database_is_refused_briefly(

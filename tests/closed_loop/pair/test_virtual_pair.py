@@ -5,10 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.pair.virtual_pair import (
-    make_virtual_pair,
-    run_virtual_pair,
-)
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_pair
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.faults.settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings

@@ -70,10 +70,7 @@ def test_the_fault_begins_where_the_bend_does() -> None:
 def test_the_shipped_file_has_the_scenes_and_all_faults() -> None:
     cases = list(cases_of(read_fault_time(SHIPPED)))
     scenes = {(c.road, c.speed_km_h, c.curvature_1_m) for c in cases if "GB 17675" in c.road}
-    assert scenes == {
-        ("GB 17675, straight", 60.0, 0.0),
-        ("GB 17675, R 35 m", 25.0, 1.0 / 35.0),
-    }
+    assert scenes == {("GB 17675, straight", 60.0, 0.0), ("GB 17675, R 35 m", 25.0, 1.0 / 35.0)}
     assert len(cases) == 14 * len(FaultName) * len(FallbackName)
 
 

@@ -65,9 +65,7 @@ def test_latency_is_that_of_the_commands_followed_whatever_was_computed_before(
     assert together[2, latency] != together[0, latency]
 
 
-def test_a_study_in_which_the_wheel_is_lost_is_whole_and_that_of_the_nodes(
-    tmp_path: Path,
-) -> None:
+def test_a_study_in_which_the_wheel_is_lost_is_whole_and_that_of_the_nodes(tmp_path: Path) -> None:
     one, two = (complete(tmp_path / str(threads), threads, LOST) for threads in (1, 2))
     assert one.results.read_bytes() == two.results.read_bytes()
     table = pq.read_table(one.results)

@@ -39,10 +39,7 @@ def test_the_step_is_that_of_the_linear_vehicle_where_the_tyres_are_nearly_so() 
     m, j, a, b = (
         v.virtual_mass_kg,
         v.yaw_inertia_kg_m2,
-        *(
-            v.front_axle_distance_m,
-            v.rear_axle_distance_m,
-        ),
+        *(v.front_axle_distance_m, v.rear_axle_distance_m),
     )
     f, r, u = v.front_cornering_stiffness_n_rad, v.rear_cornering_stiffness_n_rad, SPEED_M_S
     matrix = [

@@ -95,10 +95,7 @@ def driven(
         ["path.kind=ellipse", "path.semi_major_axis_m=60", "path.semi_minor_axis_m=30", *overrides],
         duration_s=duration_s,
     )
-    nodes = (
-        PlantNode(plant, 0),
-        ControllerNode(controller_preset("practical_predictor", law), 0),
-    )
+    nodes = (PlantNode(plant, 0), ControllerNode(controller_preset("practical_predictor", law), 0))
     run_virtual_nodes(*nodes, None, None, lambda: False)
     return nodes
 

@@ -9,12 +9,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.pair.pair_result import rms
 from steer_by_wire.closed_loop.pair.virtual_pair import VirtualPair, make_virtual_pair
-from steer_by_wire.controller.history.plan import (
-    SPACING_MAX,
-    VALUES,
-    limit_plan,
-    value_at,
-)
+from steer_by_wire.controller.history.plan import SPACING_MAX, VALUES, limit_plan, value_at
 from steer_by_wire.controller.limits.steer_limits import SteerLimits
 from steer_by_wire.controller.settings import ControllerSettings, on_bus
 from steer_by_wire.dbc.messages import SteeringCommand, SteeringPlan

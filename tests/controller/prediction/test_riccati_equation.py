@@ -5,10 +5,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from steer_by_wire.controller.matrices import Matrix
-from steer_by_wire.controller.prediction.riccati_equation import (
-    feedback_gain,
-    filter_gains,
-)
+from steer_by_wire.controller.prediction.riccati_equation import feedback_gain, filter_gains
 
 SYSTEMS = range(12)
 

@@ -11,16 +11,16 @@ from steer_by_wire import Run, simulate
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.studies.compiled_runs import figures_on
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
-from steer_by_wire.plant_emulator.path.cg_deviation import cg_deviation_m
-from steer_by_wire.plant_emulator.path.corridor import beyond_lane_m
 from steer_by_wire.plant_emulator.path.drivability import GRAVITY_M_S2
-from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from tests.support.suite.combinations import sampled
 
 STEP_S = 0.001
 """Of the car: the trace has every step, so Newton's law gives the forces that acted in it."""
 # So that nothing but the tyres' side forces moves the car: its load stays where it is as well.
-SIDE_ALONE = {"cg_height_m": 0.0, "drag_n_s2_m2": 0.0, "rolling_resistance": 0.0}
+SIDE_ALONE = (
+    *("cg_height_m", "drag_n_s2_m2", "rolling_resistance"),
+    *("drive_force_n_max", "brake_force_n_max"),
+)
 
 
 def drawn_run(seed: int) -> Run:
@@ -33,16 +33,14 @@ def drawn_run(seed: int) -> Run:
         "bmw_320i",
         str(draw.choice(["highway_pd", "highway_stiff_predictor"])),
         duration_s=draw.uniform(3.0, 5.0),
+        latency_s=draw.uniform(0.0, 0.2),
         overrides={
             "plant.sensor_period_ms": 1,
-            "plant.latency.downlink.mean_s": draw.uniform(0.0, 0.2),
             "plant.vehicle.speed_m_s": speed_m_s,
             "plant.path": {"kind": "single_lane_change", **change},
             "plant.car.tyre": str(draw.choice(["fiala", "magic_formula"])),
             "plant.car.friction": friction,
-            "plant.car.drive_force_n_max": 0.0,
-            "plant.car.brake_force_n_max": 0.0,
-            **{f"plant.car.{key}": value for key, value in SIDE_ALONE.items()},
+            **{f"plant.car.{key}": 0.0 for key in SIDE_ALONE},
             "plant.safety.lateral_acceleration_m_s2_max": "off",
             "plant.safety.lateral_jerk_m_s3_max": "off",
         },
@@ -51,58 +49,42 @@ def drawn_run(seed: int) -> Run:
 
 def use_by_newton(run: Run) -> Any:
     """Return what each axle gives over μ F_z in each step but the last, shape (2, samples - 1)."""
-    trace, settings = run.plant, run.plant_settings
-    vehicle, friction = settings.vehicle, settings.car.friction if settings.car else math.nan
-    mass_kg, inertia = vehicle.virtual_mass_kg, vehicle.yaw_inertia_kg_m2
+    trace, vehicle = run.plant, run.plant_settings.vehicle
     front_m, rear_m = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
     turn_rad_s, tan_slip = trace.yaw_rate_rad_s, np.tan(trace.side_slip_rad)
     u, used = vehicle.speed_m_s, []
     for k, wheel_rad in enumerate(trace.wheel_angle_rad[1:]):
         v, r = u * tan_slip[k], turn_rad_s[k]
-        side_n = mass_kg * ((u * tan_slip[k + 1] - v) / STEP_S + u * r)
-        moment_n_m = inertia * (turn_rad_s[k + 1] - r) / STEP_S
+        side_n = vehicle.virtual_mass_kg * ((u * tan_slip[k + 1] - v) / STEP_S + u * r)
+        moment_n_m = vehicle.yaw_inertia_kg_m2 * (turn_rad_s[k + 1] - r) / STEP_S
         front_n = (rear_m * side_n + moment_n_m) / (front_m + rear_m)
-        rear_n = side_n - front_n
-        used.append((abs(front_n / math.cos(wheel_rad)) / rear_m, abs(rear_n) / front_m))
-        u += STEP_S * (v * r - front_n * math.tan(wheel_rad) / mass_kg)
-    return np.array(used).T * (front_m + rear_m) / (mass_kg * GRAVITY_M_S2 * friction)
-
-
-def samples_in_lane(run: Run) -> int:
-    """Return how many samples there are before a corner of the body is beyond its lane."""
-    trace, settings = run.plant, run.plant_settings
-    assert settings.car is not None
-    path = build_path(settings.path)
-    lane, preview_m = settings.car.lane, settings.vehicle.preview_distance_m
-    at = trace.arc_length_m, trace.heading_error_rad, trace.lateral_error_m
-    rear_m = [
-        cg_deviation_m(path, *place, preview_m + lane.rear_m)
-        for place in zip(*(column.tolist() for column in at), strict=True)
-    ]
-    off_m = beyond_lane_m(lane, preview_m, *at[1:], trace.curvature_1_m, np.array(rear_m))
-    return int(np.argmax(off_m > 0.0)) if np.any(off_m > 0.0) else len(off_m)
+        used.append((abs(front_n / math.cos(wheel_rad)) / rear_m, abs(side_n - front_n) / front_m))
+        u += STEP_S * (v * r - front_n * math.tan(wheel_rad) / vehicle.virtual_mass_kg)
+    friction = run.plant_settings.model_dump()["car"]["friction"]
+    weight_n = vehicle.virtual_mass_kg * GRAVITY_M_S2
+    return np.array(used).T * (front_m + rear_m) / (weight_n * friction)
 
 
 def found(seed: int) -> str:
     """Return what a drawn run is an example of, after the assertions on it."""
     run = drawn_run(seed)
-    used, inside = use_by_newton(run), samples_in_lane(run)
-    named = run.plant_report["grip_used"]
+    plant, used, named = run.plant_settings, use_by_newton(run), run.plant_report["grip_used"]
+    compiled = run_compiled(plant, run.controller_settings)
     has_spun = "the car has left its path" in run.outcome
     for text in (verdict_text(run.plant_report), *([run.outcome] if has_spun else [])):
         assert ("used up their grip" in text) == (named is not None)
-    plant, controller = run.plant_settings, run.controller_settings
-    studied = figures_on(plant, controller, run_compiled(plant, controller))
-    assert studied.grip_used_s == pytest.approx(named["from_s"] if named else math.nan, nan_ok=True)
-    if inside == len(run.plant.time_s):
+    studied_s = figures_on(plant, run.controller_settings, compiled).grip_used_s
+    assert studied_s == pytest.approx(named["from_s"] if named else math.nan, nan_ok=True)
+    assert plant.car is not None
+    is_beyond = compiled.beyond_lane_m(plant.car.lane) > 0.0
+    if not is_beyond.any():
         assert named is None
         return "in its lane"
-    peaks = used[:, :inside].max(axis=1, initial=0.0)
+    peaks = used[:, : np.argmax(is_beyond)].max(axis=1, initial=0.0)
     if np.any(np.abs(peaks - 0.99) < 0.004):
         return "between"
     if peaks.max() < 0.99:
-        assert (named is not None) == has_spun
-        assert named is None or named["left"] == "path"
+        assert (named and named["left"]) == ("path" if has_spun else None)
         return "off it with grip"
     assert named is not None
     assert named["left"] == "lane"

@@ -13,14 +13,7 @@ from steer_by_wire.dbc.messages import (
     VehicleState,
 )
 from tests.support.frames.made_messages import latency_of
-from tests.support.nodes.plant_link import (
-    MS_NS,
-    PERIOD_NS,
-    START_NS,
-    link,
-    seen,
-    steered,
-)
+from tests.support.nodes.plant_link import MS_NS, PERIOD_NS, START_NS, link, seen, steered
 
 # Latency on the other side, and changing it
 
@@ -70,10 +63,7 @@ def test_latency_is_changed_at_run_time_in_the_direction_asked_for(
 @pytest.mark.parametrize("model", LatencyModel)
 def test_every_model_of_the_wire_can_be_asked_for(model: LatencyModel) -> None:
     tested = link()
-    tested.configure(
-        START_NS,
-        latency_of(Direction.UPLINK, 0.05, 0.01, 0.25, model=model),
-    )
+    tested.configure(START_NS, latency_of(Direction.UPLINK, 0.05, 0.01, 0.25, model=model))
     tested.tick_until(START_NS + 400 * PERIOD_NS)
     uplink = tested.node.report()["uplink"]
     assert uplink["injected"]["mean_s"] == pytest.approx(0.05, rel=0.05)

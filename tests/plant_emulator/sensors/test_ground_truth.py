@@ -80,10 +80,7 @@ def test_a_car_at_rest_uses_no_grip() -> None:
 
 
 def test_where_it_is_sent_a_listener_computes_nothing() -> None:
-    state, error = (
-        motion_of(2.0, preview_curvature_1_m=0.02),
-        error_of(0.1),
-    )
+    state, error = (motion_of(2.0, preview_curvature_1_m=0.02), error_of(0.1))
     listener = CgDeviation(PREVIEW_M)
     assert math.isnan(listener.on_message(error, 0.0))
     listener.on_message(state, 0.0)

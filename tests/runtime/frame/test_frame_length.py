@@ -7,19 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.closed_loop.recordings.candump_text import CandumpReader
-from steer_by_wire.runtime.frame import (
-    BITRATE_SWITCH,
-    ERROR,
-    EXTENDED,
-    FD,
-    REMOTE,
-    Frame,
-)
-from steer_by_wire.runtime.frame.length_with_stuff_bits import (
-    INTERMISSION_BITS,
-    crc15,
-    frame_bits,
-)
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame.length_with_stuff_bits import INTERMISSION_BITS, crc15, frame_bits
 
 ENCODED = Path(__file__).with_name("encoded_frames.txt")
 """Frames as for cansend, their bits as a hexadecimal number, and how many.

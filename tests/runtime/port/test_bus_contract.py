@@ -182,11 +182,7 @@ def test_a_client_receives_its_own_frames_when_it_asks_to(open_client: OpenClien
         can.Message(arbitration_id=0x123, is_extended_id=False, is_fd=True, data=bytes(64)),
         can.Message(arbitration_id=5, is_extended_id=True, is_fd=True, data=bytes(12)),
         can.Message(
-            arbitration_id=5,
-            is_extended_id=False,
-            is_fd=True,
-            bitrate_switch=True,
-            data=b"abc",
+            arbitration_id=5, is_extended_id=False, is_fd=True, bitrate_switch=True, data=b"abc"
         ),
     ],
     ids=str,

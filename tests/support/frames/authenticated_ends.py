@@ -32,10 +32,7 @@ FROM_PLANT = (
         ),
         2,
     ),
-    encode(
-        motion_of(1.4, 0.01, 0.02),
-        3,
-    ),
+    encode(motion_of(1.4, 0.01, 0.02), 3),
 )
 COMMAND = encode(command_of(0.25, 7), 200)
 

@@ -45,10 +45,7 @@ def settings_of(preset: str, *overrides: str) -> ControllerSettings:
     """Return a preset's settings, with room for every delay of drawn traffic, as C has them."""
     return controller_preset(
         preset,
-        (
-            *("validity.delay_ms_max=2000", "supervision.stops_if_implausible=false"),
-            *overrides,
-        ),
+        (*("validity.delay_ms_max=2000", "supervision.stops_if_implausible=false"), *overrides),
     )
 
 

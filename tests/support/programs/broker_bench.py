@@ -31,10 +31,7 @@ class Bench:
     """A broker, its clock, its clients, and what it has reported."""
 
     def __init__(
-        self,
-        stack: ExitStack,
-        traffic: Traffic = NO_TRAFFIC,
-        data_bitrate_bit_s: int | None = None,
+        self, stack: ExitStack, traffic: Traffic = NO_TRAFFIC, data_bitrate_bit_s: int | None = None
     ) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
         self.path = folder / "socket"

@@ -89,9 +89,7 @@ def test_in_virtual_time_all_report_a_second_controller_while_it_is_there(latenc
         one.message.second_sender for _, one in heard if isinstance(one.message, ControllerSafety)
     }
     assert controllers_say == {NONE, OWN}
-    assert plant.report()["second_senders"] == [
-        "STEERING_COMMAND",
-    ]
+    assert plant.report()["second_senders"] == ["STEERING_COMMAND"]
     assert "STEERING_COMMAND" in controller.report()["second_senders"]
     assert plant.report()["safety"]["holdings"] == 0
 

@@ -43,11 +43,7 @@ MS_NS = 1_000_000
 DURATION_S = 3.0
 LIMIT_NS = 5_000_000_000
 ROUGH = LatencySettings(
-    model=Distribution.GAMMA,
-    mean_s=0.05,
-    spread_s=0.03,
-    loss=0.02,
-    order=Order.AS_ARRIVES,
+    model=Distribution.GAMMA, mean_s=0.05, spread_s=0.03, loss=0.02, order=Order.AS_ARRIVES
 )
 PLANT_SETTINGS = PlantSettings(
     duration_s=DURATION_S,

@@ -92,11 +92,7 @@ class Run(NamedTuple):
         return rms_m
 
 
-def run(
-    plant: PlantSettings,
-    controller: ControllerSettings,
-    bus: BusModel | None = None,
-) -> Run:
+def run(plant: PlantSettings, controller: ControllerSettings, bus: BusModel | None = None) -> Run:
     """Run to the end of the motion, on a wire without time unless a ``bus`` is given."""
     result = Run(PlantNode(plant, 0), ControllerNode(controller, 0), [])
 

@@ -94,9 +94,7 @@ def test_on_a_bus_with_a_bit_rate_the_first_command_takes_time() -> None:
     assert np.all(run.controller.sample_age_s < 0.02)
 
 
-def test_on_a_bus_with_traffic_and_errors_the_run_is_that_of_the_program(
-    tmp_path: Path,
-) -> None:
+def test_on_a_bus_with_traffic_and_errors_the_run_is_that_of_the_program(tmp_path: Path) -> None:
     options = ["--load", "0.7", "--bit-error-rate", "1e-4"]
     assert run_closed_loop(["--duration", "1", *options, "--out", str(tmp_path)]) == 0
     run = simulate(duration_s=1.0, bus=tmp_path / "bus.toml")

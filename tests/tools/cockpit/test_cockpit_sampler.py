@@ -142,8 +142,7 @@ def test_without_the_path_the_curvature_gives_its_shape() -> None:
         s_m = 0.2 * number
         curvatures[number] = max(0.0, 0.05 - abs(s_m - 7.0) * 0.01)
         place.on_vehicle(
-            motion_of(10.0, preview_curvature_1_m=curvatures[number]),
-            number * 20 * MS,
+            motion_of(10.0, preview_curvature_1_m=curvatures[number]), number * 20 * MS
         )
     got, wanted = place.at(100 * 20 * MS), pose(road, 20.0)
     assert got == pytest.approx(wanted, abs=0.05)

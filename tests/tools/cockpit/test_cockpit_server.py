@@ -204,10 +204,7 @@ def test_who_may_control_sends_frames_of_the_dbc_and_starts_nothing() -> None:
     _, answers = answers_to([LATENCY, gust, start, steer], may_control=True, port=port)
     assert answers == ["", "", NOT_OURS, NOT_OURS]
     assert port.sent == [
-        encode(
-            latency_of(Direction.DOWNLINK, 0.12, 0.03, 0.01, model=LatencyModel.NORMAL),
-            0,
-        ),
+        encode(latency_of(Direction.DOWNLINK, 0.12, 0.03, 0.01, model=LatencyModel.NORMAL), 0),
         encode(
             message_with(
                 DisturbanceConfig, side_force_n=900.0, steering_offset_rad=0.02, friction_loss=0.7

@@ -30,11 +30,7 @@ from steer_by_wire.tools.design.search.evolution import (
 from steer_by_wire.tools.design.search.law_parameters import bounds, controller_settings
 from steer_by_wire.tools.design.search.parameter_search import cost, find
 from steer_by_wire.tools.design.specification import Specification
-from tests.support.loops.shipped_design import (
-    PAPER_VEHICLE,
-    shipped_spec,
-    shipped_vehicle,
-)
+from tests.support.loops.shipped_design import PAPER_VEHICLE, shipped_spec, shipped_vehicle
 from tests.support.suite.same_process import same_process as same_process
 
 SMALL = """

@@ -46,8 +46,7 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> Sequence[str]:
 
 
 @pytest.mark.parametrize(
-    ("place", "wrong"),
-    [(6, (17).to_bytes(2, "little")), (6, b"\xff\xff"), (0, b"LSP2")],
+    ("place", "wrong"), [(6, (17).to_bytes(2, "little")), (6, b"\xff\xff"), (0, b"LSP2")]
 )
 def test_a_record_that_is_none_ends_the_program_unread(
     in_c: Sequence[str], place: int, wrong: bytes

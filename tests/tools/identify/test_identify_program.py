@@ -93,8 +93,7 @@ def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
 
 
 @pytest.mark.parametrize(
-    ("known", "what"),
-    [("yaw_inertia_kg_m2 = 3000", "needs mass_kg"), ("mass = 1", "mass_kg")],
+    ("known", "what"), [("yaw_inertia_kg_m2 = 3000", "needs mass_kg"), ("mass = 1", "mass_kg")]
 )
 def test_what_cannot_be_known_is_refused_in_one_line(log, tmp_path, capsys, known, what) -> None:
     file = tmp_path / "known.toml"

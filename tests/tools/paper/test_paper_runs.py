@@ -28,16 +28,8 @@ from steer_by_wire.tools.paper.delay_runs import (
     drive,
     peak,
 )
-from steer_by_wire.tools.paper.simulation import (
-    PAPER_DELAY_S,
-    History,
-)
-from steer_by_wire.tools.paper.table_2 import (
-    CORRECTED,
-    FITTED_CUTOFF_RAD_S,
-    PRINTED,
-    simulated_row,
-)
+from steer_by_wire.tools.paper.simulation import PAPER_DELAY_S, History
+from steer_by_wire.tools.paper.table_2 import CORRECTED, FITTED_CUTOFF_RAD_S, PRINTED, simulated_row
 
 PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
 PD_DOB_ROW_M = tuple(column.pd_dob_m for column in published.TABLE_2)

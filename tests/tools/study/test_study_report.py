@@ -115,9 +115,7 @@ long = { plant.latency.downlink.mean_s = 0.3 }
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_the_page_of_drawn_factors_is_the_same_whenever_it_is_written(
-    tmp_path: Path,
-) -> None:
+def test_the_page_of_drawn_factors_is_the_same_whenever_it_is_written(tmp_path: Path) -> None:
     drawn = STUDY.replace("values = [0.1, 0.9]", "start = 0.0\nstop = 0.9")
     drawn = drawn.replace("values = [0.0, 0.2]", "start = 0.0\nstop = 0.2")
     drawn = drawn.replace("duration_s = 8.0", "duration_s = 2.0").replace("at_s = 1.0", "at_s = 0")
@@ -127,9 +125,7 @@ def test_the_page_of_drawn_factors_is_the_same_whenever_it_is_written(
     assert write(folder)[0].read_bytes() == first
 
 
-def test_a_study_without_latencies_has_a_page_too(
-    tmp_path: Path,
-) -> None:
+def test_a_study_without_latencies_has_a_page_too(tmp_path: Path) -> None:
     bare = STUDY.partition("[[factors]]")[0].replace("duration_s = 8.0", "duration_s = 2.0")
     folder = complete(tmp_path, text=bare).folder
     assert "data:image/png;base64," not in write(folder)[0].read_text(encoding="utf-8")

@@ -71,10 +71,7 @@ def _draw_panel(axes: Axes, panel: Panel, points: Sequence[Point]) -> None:
                 lost, [1.0] * len(lost), "x", ms=7, color=style["color"], clip_on=False,
                 transform=axes.get_xaxis_transform(),
             )  # fmt: skip
-    axes.set(
-        yscale="log",
-        xlabel="guaranteed delay [ms]",
-    )
+    axes.set(yscale="log", xlabel="guaranteed delay [ms]")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())

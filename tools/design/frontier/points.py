@@ -100,11 +100,7 @@ def designed_points(panel: Panel, structure: str) -> Iterator[Point]:
 
 
 def study(
-    panel: Panel,
-    structure: str,
-    delay_ms: float,
-    fine: bool,
-    q_kind: QKind = "type_2",
+    panel: Panel, structure: str, delay_ms: float, fine: bool, q_kind: QKind = "type_2"
 ) -> Study:
     """Return what a structure is judged by at a delay, coarse for the search or fine."""
     takes_map = STRUCTURES[structure].takes_map

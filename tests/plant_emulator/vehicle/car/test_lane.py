@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
-from steer_by_wire.closed_loop.pair.virtual_pair import (
-    make_virtual_pair,
-)
+from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair
 from steer_by_wire.closed_loop.studies.compiled_runs import verdict_on
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text

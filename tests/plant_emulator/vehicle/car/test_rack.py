@@ -15,11 +15,7 @@ from steer_by_wire.plant_emulator.vehicle.car.rack import (
     RackState,
     rack_step,
 )
-from steer_by_wire.plant_emulator.vehicle.car.rack_friction import (
-    FrictionParams,
-    moved,
-    steady_n_m,
-)
+from steer_by_wire.plant_emulator.vehicle.car.rack_friction import FrictionParams, moved, steady_n_m
 from steer_by_wire.plant_emulator.vehicle.car.rack_settings import RackSettings, rack_params
 from steer_by_wire.plant_emulator.vehicle.car.steering_input import SteeringInput
 from steer_by_wire.plant_emulator.vehicle.exact_propagation import DELTA

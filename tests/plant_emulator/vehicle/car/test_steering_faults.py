@@ -34,11 +34,7 @@ def driven(*overrides: str) -> PlantNode:
 
 @pytest.mark.parametrize(
     ("kind", "magnitude", "share"),
-    [
-        ("stuck_wheel", 1.0, 0.0),
-        ("slow_wheel", 0.25, 0.25),
-        ("weak_motor", 1.0, 1.0),
-    ],
+    [("stuck_wheel", 1.0, 0.0), ("slow_wheel", 0.25, 0.25), ("weak_motor", 1.0, 1.0)],
 )
 def test_a_fault_leaves_that_share_of_the_rate(kind: str, magnitude: float, share: float) -> None:
     """In the midst of a long ramp at the limit of the rate, 0.4 rad/s."""
