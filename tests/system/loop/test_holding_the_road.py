@@ -70,19 +70,19 @@ def test_the_default_limits_leave_half_the_grip_of_a_wet_road(road: str) -> None
 
 
 def test_a_bend_beyond_the_grip_is_held_by_slowing_down() -> None:
-    """A lane change at 1.3 of the grip, known 3 s ahead: at its speed the car slides off."""
+    """A lane change at 1.7 of the grip, known 3 s ahead: at its speed the car spins."""
     plant = plant_of("μ 0.3, 100 km/h", 0.2)
-    plant["plant.path"] = {**plant["plant.path"], "length_m": 75.0}
+    plant["plant.path"] = {**plant["plant.path"], "length_m": 65.0}
     plant |= {
         "plant.path_ahead": {"reach_s": 3.0},
-        "controller.predictor.lateral_acceleration_m_s2_max": 1.5,
+        "controller.predictor.lateral_acceleration_m_s2_max": 0.85 * 0.3 * 9.81,
     }
     asks = {**plant, "controller.mpc.asks_to_slow_down": True}
     slides, slows = (
         simulate("highway_nominal", "highway_mpc", duration_s=12.0, overrides=each)
         for each in (plant, asks)
     )
-    assert slides.peak_m > 0.3
+    assert "the car has left its path" in slides.outcome
     assert "the path asks for" in repr(slides)
     assert "complete" in repr(slows)
     assert slows.peak_m < 0.15
