@@ -50,6 +50,7 @@ class LatencyLine(Generic[Item]):
 
     ``next_due_ns``  when the next frame is due [ns]; NEVER_NS if none waits
     ``trace_times_s``  as of ``LatencyDraw``
+    ``latest_latency_ns``  drawn for the newest frame that was not lost [ns]
     """
 
     def __init__(self, settings: LatencySettings, stream: Callable[[int], Iterator[float]]) -> None:
@@ -65,7 +66,7 @@ class LatencyLine(Generic[Item]):
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
         self._newest_released: defaultdict[int, int] = defaultdict(int)
-        self._drawn_ns = 0
+        self.latest_latency_ns = 0
         self._samples = 0
         """Calls of ``push``, while latencies are drawn: a trace may have one row for each."""
         self._pushed = self._settled = 0
@@ -86,11 +87,6 @@ class LatencyLine(Generic[Item]):
             self._superseded,
             self._overflowed,
         )
-
-    @property
-    def latest_latency_ns(self) -> int:
-        """Latency drawn for the newest frame that was not lost [ns]."""
-        return self._drawn_ns
 
     @property
     def latency(self) -> DurationStatistics:
@@ -114,7 +110,7 @@ class LatencyLine(Generic[Item]):
         """Put frames into the line at ``now_ns``, ``motion_ns`` after the start of motion."""
         waiting, constant_ns = self._waiting, self._draw.constant_ns
         if constant_ns is not None:
-            self._drawn_ns = constant_ns
+            self.latest_latency_ns = constant_ns
             in_turn = self._in_turn
             if not waiting and _FRAMES_MAX * len(in_turn) < WAITING_MAX:
                 self._came_in_turn += len(frames)
@@ -131,7 +127,7 @@ class LatencyLine(Generic[Item]):
             if latency_ns is None:
                 self._lost += 1
                 continue
-            self._drawn_ns = latency_ns
+            self.latest_latency_ns = latency_ns
             injected_ns.append(latency_ns)
             if len(waiting) >= WAITING_MAX:
                 self._overflowed += 1

@@ -11,7 +11,6 @@ change the others. With a deviation of 0 the true value passes unchanged.
 from collections.abc import Iterator, Sequence
 from math import remainder, tau
 from statistics import NormalDist
-from typing import NamedTuple
 
 from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
@@ -136,26 +135,19 @@ VEHICLE_STATE_PERIOD_NS = 20_000_000
 _STANDARD_NORMAL = NormalDist()
 
 
-class Readings(NamedTuple):
-    """One sample of the quantities measured with noise."""
-
-    lateral_error_m: float
-    heading_error_rad: float
-    yaw_rate_rad_s: float
-
-
 Sample = tuple[float, float, float]
-"""The values of ``Readings``."""
+"""What is measured with noise: lateral error [m], heading error [rad], yaw rate [rad/s]."""
 
 
-def with_noise(true: Sample, deviation: Readings, uniforms: Iterator[float]) -> Sample:
+def with_noise(true: Sample, deviation: Sample, uniforms: Iterator[float]) -> Sample:
     """Return the sample with noise; takes three uniforms in (0, 1)."""
     normal = _STANDARD_NORMAL.inv_cdf
     error_m, heading_rad, yaw_rate_rad_s = true
+    by_error_m, by_heading_rad, by_yaw_rate_rad_s = deviation
     return (
-        error_m + deviation.lateral_error_m * normal(next(uniforms)),
-        heading_rad + deviation.heading_error_rad * normal(next(uniforms)),
-        yaw_rate_rad_s + deviation.yaw_rate_rad_s * normal(next(uniforms)),
+        error_m + by_error_m * normal(next(uniforms)),
+        heading_rad + by_heading_rad * normal(next(uniforms)),
+        yaw_rate_rad_s + by_yaw_rate_rad_s * normal(next(uniforms)),
     )
 
 
@@ -185,7 +177,7 @@ class Sampling:
         every = samples_per_vehicle_state(period_ns)
         self._state_timer = PeriodicTimer(start_ns, every * period_ns)
         self._ahead_m = None if ahead is None else spacing_m(nominal_m_s, ahead.reach_s)
-        deviations = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
+        deviations = noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s
         self._noise = deviations if any(deviations) else None
         self._uniforms = uniforms(seed, Stream.SENSOR_NOISE)
         self.frames = SensorFrames()

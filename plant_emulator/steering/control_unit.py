@@ -55,13 +55,14 @@ class SteeringUnit:
     ``target_rad``   target of the wheel
     ``limit``        the name of the limit that decides about it now; empty for none
     ``deadline_ns``  when `on_timer` is due [ns]
+    ``interventions``  targets that a limit has changed, by the limit that decided
     ``safety``       what PLANT_STATUS would say now: LIMITING after any intervention since the last
     """
 
     def __init__(self, params: GuardParams) -> None:
         self._params = params
         self._state: GuardState = start_guard(params)
-        self._interventions: Counter[str] = Counter()
+        self.interventions: Counter[str] = Counter()
         self._entered: Counter[str] = Counter()
         self._ignored = 0
         self._recoveries = 0
@@ -71,11 +72,6 @@ class SteeringUnit:
         self._safe_state_cause = ""
         self._limited_since_report = False
         self._enter(self._state)
-
-    @property
-    def interventions(self) -> Mapping[str, int]:
-        """Targets that a limit has changed, by the limit that decided."""
-        return self._interventions
 
     @property
     def mode(self) -> GuardMode:
@@ -161,7 +157,7 @@ class SteeringUnit:
         is_safe, silence_ns = at_ns != NEVER_NS, self._wheel_ns - self._command_ns
         return {
             "mode": self.mode.name.lower(),
-            "interventions": dict(sorted(self._interventions.items())),
+            "interventions": dict(sorted(self.interventions.items())),
             "holdings": self._entered["HOLDING"],
             "fallbacks": self._entered["FALLBACK"],
             "recoveries": self._recoveries,
@@ -185,7 +181,7 @@ class SteeringUnit:
             if mode == _FOLLOWING:
                 self.limit = name
             if is_set:
-                self._interventions[name] += 1
+                self.interventions[name] += 1
                 self._limited_since_report = True
         safety = _STATES[mode]
         if self._limited_since_report and safety is _NORMAL:

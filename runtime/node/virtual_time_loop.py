@@ -73,6 +73,8 @@ class VirtualTimeExecutor:
     ``bus``      the wire between them; an InstantWire unless given
     ``on_wire``  called as ``on_wire(time_ns, sender_index, frame)`` for every frame when it is
                  complete on the wire, before its delivery
+
+    ``now_ns``   the instant that was run last [ns]; before the first one, that of the first one
     """
 
     def __init__(
@@ -88,12 +90,7 @@ class VirtualTimeExecutor:
         }
         self._wire = InstantWire() if bus is None else bus
         self._on_wire = on_wire
-        self._now_ns = min((node.deadline_ns for node in nodes), default=0)
-
-    @property
-    def now_ns(self) -> int:
-        """The instant that was run last [ns]; before the first one, that of the first one."""
-        return self._now_ns
+        self.now_ns = min((node.deadline_ns for node in nodes), default=0)
 
     @property
     def finished(self) -> bool:
@@ -137,7 +134,7 @@ class VirtualTimeExecutor:
             else:  # Nothing is left to do at this instant.
                 if next_ns >= until_ns or has_finished:
                     return
-                self._now_ns = now_ns = next_ns
+                self.now_ns = now_ns = next_ns
                 events = 0
         raise RuntimeError(
             f"node {busy_index} is still busy after {events} events at {now_ns} ns: "

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from steer_by_wire.plant_emulator.sensors.sampling import Readings, with_noise
+from steer_by_wire.plant_emulator.sensors.sampling import with_noise
 
-NOTHING = Readings(0.0, 0.0, 0.0)
+NOTHING = (0.0, 0.0, 0.0)
 
 
 def uniforms() -> Iterator[float]:
@@ -15,7 +15,7 @@ def uniforms() -> Iterator[float]:
 
 def test_noise_has_the_deviations_it_was_asked_for() -> None:
     stream = uniforms()
-    deviation = Readings(0.02, 0.003, 0.1)
+    deviation = (0.02, 0.003, 0.1)
     samples = np.array([with_noise(NOTHING, deviation, stream) for _ in range(10_000)])
     assert samples.std(axis=0) == pytest.approx(deviation, rel=0.03)
     assert samples.mean(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=0.003)
@@ -25,8 +25,8 @@ def test_noise_has_the_deviations_it_was_asked_for() -> None:
 def test_switching_one_noise_off_leaves_the_others_as_they_were() -> None:
     all_on, one_off = uniforms(), uniforms()
     for _ in range(100):
-        noisy = with_noise(NOTHING, Readings(0.02, 0.003, 0.1), all_on)
-        rest = with_noise(NOTHING, Readings(0.0, 0.003, 0.1), one_off)
+        noisy = with_noise(NOTHING, (0.02, 0.003, 0.1), all_on)
+        rest = with_noise(NOTHING, (0.0, 0.003, 0.1), one_off)
         assert rest == (0.0, *noisy[1:])
 
 

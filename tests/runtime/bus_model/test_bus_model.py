@@ -127,9 +127,9 @@ def test_a_full_queue_refuses_only_its_own_sender() -> None:
     assert sent_ids(drain(bus)) == [1, 2, 3, 3, 3]
     assert bus.load.refused == 1
     alone = BusModel(500_000, queue_limit=1)
-    alone.submit(classic(3), 0, 0)
+    alone.submit([classic(3)], 0, 0)
     with pytest.raises(BusOverflowError):
-        alone.submit(classic(3), 0, 0)
+        alone.submit([classic(3)], 0, 0)
 
 
 def test_the_load_counts_frames_and_their_time() -> None:

@@ -29,7 +29,7 @@ def critical_response_ns(
     start_ns = 1 + max(m.jitter_ns for m in messages)
     if lower:
         longest = max(lower, key=lambda m: m.frame_ns)
-        bus.submit(frames[longest.name], messages.index(longest), start_ns - 1)
+        bus.submit([frames[longest.name]], messages.index(longest), start_ns - 1)
     releases = merge(*(_at_once(m, messages.index(m), start_ns) for m in sharing))
     return _responses(releases, [frames[m.name] for m in messages], bus)[messages.index(message)]
 
@@ -57,6 +57,6 @@ def _responses(
                     longest_ns[index] = max(longest_ns.get(index, 0), response_ns)
         if longest_ns and not any(released_ns):
             break
-        bus.submit(frames[place], place, handed_ns)
+        bus.submit([frames[place]], place, handed_ns)
         released_ns[place].append(due_ns)
     return longest_ns

@@ -17,8 +17,8 @@ from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node import NEVER_NS, Node
-from steer_by_wire.runtime.node.virtual_time_loop import Delivered, VirtualTimeExecutor
+from steer_by_wire.runtime.node import Node
+from steer_by_wire.runtime.node.virtual_time_loop import InstantWire, VirtualTimeExecutor
 
 MS = 1_000_000
 DURATION_S = 5.0
@@ -64,26 +64,23 @@ class HeldUp:
         return [answer for frame in waiting for answer in self._node.on_frame(frame, now_ns)]
 
 
-class HeldUpWire:
+class HeldUpWire(InstantWire):
     """A bus that is held up: of each sender it keeps what the transmit buffer has room for."""
 
     def __init__(self, stall: Stall) -> None:
+        super().__init__()
         self._first_ns, self._end_ns = stall
         self._kept = [0, 0]
-        self._sent: list[Delivered] = []
-        self.next_event_ns = NEVER_NS
 
     def submit(self, frames: Sequence[Frame], sender: int, now_ns: int) -> None:
-        if self._first_ns <= now_ns < self._end_ns:
+        is_held_up = self._first_ns <= now_ns < self._end_ns
+        if is_held_up:
             room = TRANSMIT_BUFFER - self._kept[sender]
             self._kept[sender] += len(frames)
             frames = frames[: max(room, 0)]
-        self.next_event_ns = self._end_ns if self._first_ns <= now_ns < self._end_ns else now_ns
-        self._sent += [(now_ns, sender, frame) for frame in frames]
-
-    def advance(self, now_ns: int) -> list[Delivered]:  # noqa: ARG002 all are complete
-        completed, self._sent, self.next_event_ns = self._sent, [], NEVER_NS
-        return completed
+        super().submit(frames, sender, now_ns)
+        if is_held_up:
+            self.next_event_ns = self._end_ns
 
 
 def reports_of(
