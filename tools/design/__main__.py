@@ -1,6 +1,6 @@
 """Design gains and filters of a controller for a vehicle known within bounds.
 
-    steer-by-wire design VEHICLE --spec SPEC [--out DIR] [--verify]
+    steer-by-wire design VEHICLE --spec SPEC [--out DIR]
     steer-by-wire design VEHICLE --frontier FRONTIER [--out DIR]
 
 From the vehicle and its uncertainty, a range of delays, a rate and a specification to a controller
@@ -72,9 +72,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--pictures", type=Path, metavar="DIR",
         help="folder for pictures and the plant's settings (default: as --out)",
     )  # fmt: skip
-    parser.add_argument(
-        "--verify", action="store_true", help="also run every corner and delay in virtual time"
-    )
     parser.add_argument(
         "--minutes", type=number(0.0, 10_000.0, excludes_low=True), default=MINUTES, metavar="M",
         help="longest search of a law (default: %(default)g)",

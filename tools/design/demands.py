@@ -1,100 +1,33 @@
 """Judges a law by all demands of a specification, over all corners and delays.
 
-The plants' responses and the paths do not depend on the law, and are computed once. A study is
-coarse, for the search, or fine, for the result. They differ in the number of delays at which the
-RMS is computed and of points on the frequency axis.
-
-The runs of a specification as the vehicle feels them: curvature over time at its speed.
+The plants of the runs do not depend on the law, and are made once. A study is coarse, for the
+search, or fine, for the result. They differ in the number of delays and of points on the frequency
+axis. The runs are compiled, which gives the numbers of both nodes in virtual time. Neither node
+limits the commands in them: how much steer a law takes is demanded of it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache, partial
-from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 
+from ...closed_loop.compiled.schedule import schedule_run
 from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
 from ...controller.analysis.sampled_loop import SampledLoop
-from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
-from ...controller.law_interface import VehicleReading
-from ...controller.laws.feed_forward import steer_per_curvature
-from ...controller.laws.law_from_settings import LawDesign, steady_steer
-from ...controller.laws.set_point import NO_SET_POINT, set_point_params, set_point_step
-from ...plant_emulator.path.path import Path, curvature
-from ...plant_emulator.path.path_from_settings import build_path
-from ...runtime.array_types import FloatArray
-from ...runtime.node import NS_PER_S
+from ...controller.laws.feed_forward import FeedForwardSettings
+from ...controller.laws.law_from_settings import LawDesign
+from ...controller.limits.steer_limits import LimitSettings
+from ...controller.settings import ControllerSettings
+from ...dbc.messages import SteeringCommand, limits
+from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.steering.settings import SafetySettings
 from .loop_figures import CircleGrid, behind_lag, circle_grid, loop_figures
 from .search.evolution import Values
-from .search.law_parameters import controller_settings, designs
+from .search.law_parameters import controller_settings, designs, with_set_point
 from .specification import Specification
-from .tracking import TrackingGrid, rms_m, track, tracking_grid, unsteered_errors
 from .vehicle_file import VehicleFile
-
-_BEHIND = 8
-"""Parts of the way from car to preview point in which curvature is taken as constant."""
-_SAMPLES_PER_TICK = 4
-"""Between two, curvature is taken as linear, which is exact except at the path's break points."""
-
-
-def course_grid(
-    spec: Specification, vehicle: VehicleFile, delays_ns: Sequence[int], *, takes_map: bool = False
-) -> TrackingGrid:
-    """Return the runs of a specification, judged by the car.
-
-    ``takes_map``  whether the law's steer is added to that for the map's curvature
-    """
-    speeds_m_s = [corner.speed_m_s for corner in vehicle.box.vertices()]
-    runs = []
-    for path in map(build_path, spec.course.paths):
-        of_speed = lru_cache(partial(_met, spec, vehicle, path))
-        runs.append([of_speed(speed_m_s) for speed_m_s in speeds_m_s])
-    error_m, heading_rad, steer_rad, set_point_m, bend_m = np.moveaxis(np.array(runs), 2, 0)
-    offset_m = -vehicle.vehicle.preview_distance_m * heading_rad - bend_m
-    if spec.follows_car:
-        error_m, offset_m = error_m - set_point_m, offset_m + set_point_m
-    return tracking_grid(
-        vehicle.models,
-        np.stack([error_m, heading_rad]),
-        delays_ns,
-        spec.period_ns,
-        max(1, round(spec.ignore_s * NS_PER_S / spec.period_ns)),
-        steer_rad if takes_map else None,
-        offset_m,
-        vehicle.vehicle.preview_distance_m,
-    )
-
-
-def _met(spec: Specification, vehicle: VehicleFile, path: Path, speed_m_s: float) -> FloatArray:
-    """Return what a path asks of the vehicle at a speed, at the ticks; shape (5, ticks).
-
-    Lateral error [m] and heading error [rad] without steering; the nominal vehicle's steady steer
-    for the curvature at the preview point [rad]; y*, which puts the car on the path [m]; g, how far
-    the path bends away between preview point and car [m].
-    """
-    nominal = VehicleModelSettings(**vehicle.vehicle.model_dump())
-    preview_m, period_s = nominal.preview_distance_m, spec.period_ns / NS_PER_S
-    interval_s = period_s / _SAMPLES_PER_TICK
-    count = (spec.ticks - 1) * _SAMPLES_PER_TICK + 1
-    met = np.array([curvature(path, speed_m_s * interval_s * index) for index in range(count)])
-    error_m, heading_rad = unsteered_errors(met, interval_s, speed_m_s, _SAMPLES_PER_TICK)
-    at_ticks = met[::_SAMPLES_PER_TICK]
-    set_point = set_point_params("centre_of_gravity", nominal, period_s)
-    readings = (VehicleReading(speed_m_s, 0.0, rho) for rho in at_ticks.tolist())
-    _, *states = accumulate(readings, partial(set_point_step, set_point), initial=NO_SET_POINT)
-    set_point_m = np.array([state.shown.value for state in states])
-    behind_m = preview_m * (np.arange(_BEHIND) + 0.5) / _BEHIND
-    weights_m2 = (preview_m - behind_m) * preview_m / _BEHIND
-    at_m = speed_m_s * period_s * np.arange(spec.ticks)
-    bend_m = sum(
-        weight * np.array([curvature(path, each) for each in (at_m - way).tolist()])
-        for weight, way in zip(weights_m2, behind_m, strict=True)
-    )
-    steer_rad = steer_per_curvature(steady_steer(nominal), speed_m_s) * at_ticks
-    return np.stack([error_m, heading_rad, steer_rad, set_point_m, np.asarray(bend_m)])
-
+from .virtual_check import Driven, constant, drive, plants
 
 _ACTIVE = 0.02
 """A demand is active if the law is within this share of its limit."""
@@ -106,8 +39,16 @@ _UNSTABLE = 100.0
 """Violation of an unstable design, to which the share of unstable loops is added."""
 _NEARLY_MET = 0.5
 """Violation up to which the runs are judged too."""
-OF_THE_STEER = frozenset({"steer", "steer rate"})
-"""Without them the runs take half the time."""
+_NO_GUARD = SafetySettings(
+    angle_rad_max="off",
+    angle_rate_rad_s_max="off",
+    lateral_acceleration_m_s2_max="off",
+    lateral_jerk_m_s3_max="off",
+    follow_tolerance_rad="off",
+)
+_LIMITLESS = LimitSettings(
+    steer_rad_max=limits(SteeringCommand)["steer_rad"].maximum, steer_rate_rad_s_max=1000.0
+)
 _OF_THE_PD = frozenset({"PD settling", "PD damping", "PD bandwidth"})
 
 
@@ -159,10 +100,11 @@ class Study(NamedTuple):
 
     spec: Specification
     vehicle: VehicleFile
-    tracking: TrackingGrid
+    runs: Mapping[int, Sequence[PlantSettings]]  # of every path and corner, by the delay [ns]
     frequency: CircleGrid
     stability: Mapping[str, DecayDemand]
     without: frozenset[str]  # demands that are not made
+    takes_map: bool  # whether the steer for the map's curvature is added to the law's
 
 
 def make_study(
@@ -177,7 +119,7 @@ def make_study(
     """Return a study.
 
     ``without``    names of demands to leave out
-    ``takes_map``  as in ``course_grid``
+    ``takes_map``  whether the steer for the map's curvature is added to the law's
     ``coarse_delays``  at which a coarse study has runs
     """
     models, settling_1_s = vehicle.models, spec.d_stability.settling_1_s
@@ -198,13 +140,21 @@ def make_study(
     return Study(
         spec,
         vehicle,
-        course_grid(spec, vehicle, delays_ns, takes_map=takes_map),
+        plants_at(spec, vehicle, delays_ns),
         circle_grid(
             models, spec.delays_ns, spec.period_ns, _FINE_POINTS if fine else _COARSE_POINTS
         ),
         {name: demand for name, demand in stability.items() if name not in without},
         without,
+        takes_map,
     )
+
+
+def plants_at(
+    spec: Specification, vehicle: VehicleFile, delays_ns: Iterable[int]
+) -> dict[int, list[PlantSettings]]:
+    """Return the plants of the runs at each delay."""
+    return {each: plants(spec, vehicle, [constant(each)], safety=_NO_GUARD) for each in delays_ns}
 
 
 def judge_law(study: Study, law: str, values: Values) -> Judgement:
@@ -235,19 +185,16 @@ def judge_law(study: Study, law: str, values: Values) -> Judgement:
         Demand("peak sensitivity", float(peak), spec.peak_sensitivity_max),
         Demand("noise gain", float(noise_rad_m), spec.noise_gain_rad_m_max),
     ]
-    if sum(demand.excess for demand in _made(study, demands)) > _NEARLY_MET:
-        return _judged(study, np.inf, demands)
-    demands += _runs(study, design, law)
+    rough = _judged(study, np.inf, demands)
+    if rough.violation > _NEARLY_MET:
+        return rough
+    demands += _runs(study, settings, law)
     (objective,) = (demand.value for demand in demands if demand.name == "RMS error")
     return _judged(study, objective, demands)
 
 
-def _made(study: Study, demands: Iterable[Demand]) -> tuple[Demand, ...]:
-    return tuple(demand for demand in demands if demand.name not in study.without)
-
-
 def _judged(study: Study, objective: float, demands: list[Demand]) -> Judgement:
-    made = _made(study, demands)
+    made = tuple(demand for demand in demands if demand.name not in study.without)
     return Judgement(objective, sum(demand.excess for demand in made), made)
 
 
@@ -268,17 +215,31 @@ def _region(study: Study, pd_design: LawDesign) -> list[Demand]:
     return [Demand(name, count / len(parts), 0.0) for name, count in failing.items()]
 
 
-def _runs(study: Study, design: LawDesign, law: str) -> list[Demand]:
+def _runs(study: Study, settings: ControllerSettings, law: str) -> list[Demand]:
     limits, largest_m = study.spec.limits, study.spec.rms_m_max_of(law)
-    rms_m_max = np.inf if largest_m is None else largest_m
-    if study.without.issuperset(OF_THE_STEER):
-        return [Demand("RMS error", float(rms_m(study.tracking, design).max()), rms_m_max)]
-    tracking = track(study.tracking, design)
+    runs = [run for of_delay in driven(study, settings).values() for run in of_delay]
+    worst = Driven(*np.max(runs, axis=0).tolist())
     return [
-        Demand("RMS error", float(tracking.rms_m.max()), rms_m_max),
-        Demand("steer", float(tracking.steer_rad.max()), limits.steer_rad_max),
-        Demand("steer rate", float(tracking.steer_rate_rad_s.max()), limits.steer_rate_rad_s_max),
+        Demand("RMS error", worst.rms_m, largest_m or np.inf),
+        Demand("steer", worst.steer_rad, limits.steer_rad_max),
+        Demand("steer rate", worst.steer_rate_rad_s, limits.steer_rate_rad_s_max),
     ]
+
+
+def preset_of(study: Study, settings: ControllerSettings) -> ControllerSettings:
+    """Return a law with its set point, and with the steer for the map's curvature."""
+    feed_forward = FeedForwardSettings() if study.takes_map else None
+    preset = with_set_point(study.spec, settings)
+    return preset.model_copy(update={"feed_forward": feed_forward})
+
+
+def driven(study: Study, settings: ControllerSettings) -> dict[int, list[Driven]]:
+    """Return the runs of a law on every path and corner, by the delay."""
+    preset, found = preset_of(study, settings).model_copy(update={"limits": _LIMITLESS}), {}
+    for delay_ns, asked in study.runs.items():
+        plan = schedule_run(asked[0], preset)
+        found[delay_ns] = [drive(study.spec, plant, preset, plan) for plant in asked]
+    return found
 
 
 def _thinned(delays_ns: tuple[int, ...], count: int) -> tuple[int, ...]:

@@ -4,18 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .demands import Demand, Judgement, Study, course_grid, make_study
+from .demands import Demand, Judgement, Study, driven, make_study, plants_at
 from .search.evolution import Check
 from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
 from .search.parameter_search import Found, find
 from .specification import Specification
-from .tracking import rms_m
 from .vehicle_file import VehicleFile
-from .virtual_check import constant, drive, jittered, plants
+from .virtual_check import drive, jittered, plants
 
 _MEANINGS = {
     "settling": "a mode slower than sigma",
@@ -70,7 +68,11 @@ def describe(study: Study, found: Found) -> Design:
     if found.confirmation is not None:
         last_ns = max(last_ns, found.confirmation.stable_up_to_ns)
     delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
-    by_delay_m = rms_m(course_grid(spec, vehicle, delays_ns), design_law(settings)).max(axis=0)
+    all_runs = study._replace(runs=plants_at(spec, vehicle, delays_ns))
+    of_delays = driven(all_runs, settings).values()
+    shape = len(delays_ns), len(spec.course.paths), -1
+    rms_m = np.array([[run.rms_m for run in of_delay] for of_delay in of_delays]).reshape(shape)
+    by_delay_m = rms_m.max(axis=1).T
     asked = plants(spec, vehicle, map(jittered, spec.jitter))
     preset = with_set_point(spec, settings)
     jitter_m = np.array([drive(spec, plant, preset).rms_m for plant in asked])
@@ -84,32 +86,6 @@ def describe(study: Study, found: Found) -> Design:
         delays_ns,
         _held_up_to_ns(delays_ns, by_delay_m, spec.rms_m_max_of(law)),
         tuple(float(value) for value in worst_m[: len(spec.jitter)]),
-    )
-
-
-def verify(spec: Specification, vehicle: VehicleFile, design: Design) -> tuple[bool, str]:
-    """Run the range of delays at all corners and on all paths; returns whether it held, and a line.
-
-    The line has the largest RMS, the delay at which it was, the largest steer, and the largest
-    difference of an RMS to that of the linear analysis.
-    """
-    asked = plants(spec, vehicle, map(constant, spec.delays_ns))
-    driven = [drive(spec, plant, design.preset) for plant in asked]
-    shape = (len(spec.course.paths), len(vehicle.box.vertices()), len(spec.delays_ns))
-    rms_m = np.array([run.rms_m for run in driven]).reshape(shape).max(axis=0)
-    columns = [design.rms_delays_ns.index(delay_ns) for delay_ns in spec.delays_ns]
-    deviation = float(np.abs(rms_m / design.rms_m[:, columns] - 1.0).max())
-    worst_m, steer_rad = float(rms_m.max()), max(run.steer_rad for run in driven)
-    largest_m = spec.rms_m_max_of(design.law)
-    held = largest_m is None or worst_m <= largest_m
-    held = held and steer_rad < spec.limits.steer_rad_max
-    limit = "" if largest_m is None else f", at most {largest_m:g} m"
-    delay_ms = spec.delays_ns[int(rms_m.max(axis=0).argmax())] // NS_PER_MS
-    return held, (
-        f"  virtual time      {len(driven)} runs: RMS at most {worst_m:.4g} m"
-        f" (at {delay_ms} ms{limit}), steer at most {steer_rad:.3g} rad;"
-        f" within {100.0 * deviation:.2g} % of the linear analysis:"
-        f" {'held' if held else 'NOT HELD'}"
     )
 
 

@@ -33,11 +33,6 @@ from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 
 
-def fed_back(plants: ComplexArray, law: ComplexArray) -> ComplexArray:
-    """Return P K of plants of shape (outputs, corners, delays, Z), summed over the law's inputs."""
-    return np.asarray((plants[: len(law)] * law[:, None, None]).sum(axis=0))
-
-
 def plant_responses(
     models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, z: ComplexArray
 ) -> ComplexArray:
@@ -95,7 +90,8 @@ def circle_grid(
 def loop_figures(grid: CircleGrid, design: LawDesign) -> LoopFigures:
     """Return the figures of a law around every plant of the grid; meaningless if unstable."""
     law = triangular_law(design).response(grid.z)
-    sensitivity = 1.0 / np.abs(1.0 - fed_back(grid.plants, law))
+    loop = (grid.plants[: len(law)] * law[:, None, None]).sum(axis=0)
+    sensitivity = 1.0 / np.abs(1.0 - loop)
     size = np.abs(law[0])
     if len(law) > 1:
         size = np.hypot(size, HEADING_NOISE_1_M * np.abs(law[1]))

@@ -46,10 +46,8 @@ from .search.evolution import Check, Search, SearchStoppedError, Values
 from .search.law_parameters import validity, with_set_point
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
-from .virtual_check import Driven, constant, drive, jittered, plant_settings
+from .virtual_check import LEFT_M, Driven, constant, drive, jittered, plant_settings
 
-LEFT_M = 1e3
-"""Error of a run that leaves the range of the sensor [m]."""
 RMS_M_MAX = 1.0
 """Largest RMS of a predictor that keeps to the path, at any delay of the range [m]."""
 _THREADS = 2
@@ -151,8 +149,7 @@ def runs(
 
 def worst_m(done: Iterable[Driven], figure: str = "rms_m") -> float:
     """Return the largest of a figure of runs [m]."""
-    largest_m: float = max(getattr(run, figure) for run in done)
-    return min(LEFT_M, largest_m)
+    return float(max(getattr(run, figure) for run in done))
 
 
 def largest_error_m(task: Task, settings: ControllerSettings, met: ConditionsTable) -> float:

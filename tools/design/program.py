@@ -23,7 +23,7 @@ from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand
 from .frontier.frontier import run_frontier
 from .frontier.settings import FrontierSettings
-from .law_design import Design, design, nearest, verify
+from .law_design import Design, design, nearest
 from .predictor_design import design_predictor, plan_ahead, predictor_demands
 from .report import (
     STOPPED,
@@ -194,10 +194,6 @@ def run_design(options: argparse.Namespace) -> int:
             if design is None:
                 status = NO_DESIGN
                 continue
-            if options.verify:
-                held, line = verify(spec, vehicle, design)
-                print(line)
-                status = status if held else NO_DESIGN
             if law == FALLBACK and spec.predictor is not None:
                 fallback = fallback or design.preset
         basis, needed = fallback, "pd_ddob for it to fall back to"
@@ -250,8 +246,5 @@ def _print(outcome: Outcome) -> Mapping[str, Any]:
         say(NAME, f"error: {outcome.error}", sys.stderr)
     for line in outcome.lines:
         print(line)
-    return _figures(outcome.demands, is_met=not outcome.error)
-
-
-def _figures(demands: Iterable[Demand], *, is_met: bool) -> Mapping[str, Any]:
-    return {"is_met": is_met, "demands": [demand._asdict() for demand in demands]}
+    demands = [demand._asdict() for demand in outcome.demands]
+    return {"is_met": not outcome.error, "demands": demands}

@@ -31,9 +31,14 @@ def roads_of(study: str) -> Sequence[PlantSettings]:
 
 
 def on_road(road: RoadTable, vehicle: VehicleFile) -> VehicleFile:
-    """Return the vehicle between the road's speeds."""
+    """Return the vehicle at the road's mean speed, its range extended to all of them."""
     speeds_m_s = [plant.vehicle.speed_m_s for plant in roads_of(road.study)]
-    return vehicle.between_speeds(min(speeds_m_s), max(speeds_m_s))
+    low_m_s, high_m_s = min(speeds_m_s), max(speeds_m_s)
+    own = vehicle.uncertainty.speed_m_s or (low_m_s, high_m_s)
+    speeds = {"speed_m_s": (min(low_m_s, *own), max(high_m_s, *own))}
+    of_box = vehicle.uncertainty.model_copy(update=speeds)
+    nominal = vehicle.vehicle.model_copy(update={"speed_m_s": 0.5 * (low_m_s + high_m_s)})
+    return vehicle.model_copy(update={"vehicle": nominal, "uncertainty": of_box})
 
 
 def road_plants(

@@ -21,7 +21,6 @@ from ...plant_emulator.path.settings import PathSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
 
-_TICKS_MAX = 100_000
 _DELAYS_MAX = 500
 DelayMs = Annotated[float, Field(ge=0.0, le=2000.0)]
 
@@ -100,7 +99,7 @@ class CourseTable(Settings):
     ``friction_share_max``  how much of it the bends may need at the highest speed
     """
 
-    duration_s: Annotated[float, Field(gt=0.0, le=3600.0)]
+    duration_s: Annotated[float, Field(ge=0.2, le=3600.0)]
     friction: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
     friction_share_max: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
     paths: Annotated[tuple[PathSettings, ...], Field(max_length=20)] = ()
@@ -262,11 +261,6 @@ class Specification(Settings):
         return self.delay.up_to_ns(self.delay.ms_max + self.delay.margin_ms)
 
     @property
-    def ticks(self) -> int:
-        """How many ticks a run has, the one at 0 and the one at its end among them."""
-        return round(self.course.duration_s * NS_PER_S / self.period_ns) + 1
-
-    @property
     def lag_delays_ns(self) -> tuple[int, ...]:
         """The delays to be survived behind the lag of the steering [ns]."""
         return () if self.actuator is None else self.delay.up_to_ns(self.actuator.delay_ms_max)
@@ -282,13 +276,9 @@ class Specification(Settings):
         return value
 
     @model_validator(mode="after")
-    def _refuse_runs_too_long_to_transform(self) -> Self:
-        duration_s = self.course.duration_s
-        if not 1.0 < duration_s * self.rate_hz <= _TICKS_MAX:
-            raise ValueError(
-                f"course.duration_s = {duration_s:g} at {self.rate_hz:g} Hz must be 2 to"
-                f" {_TICKS_MAX} ticks"
-            )
+    def _refuse_runs_that_are_left_out(self) -> Self:
+        if self.ignore_s >= self.course.duration_s:
+            raise ValueError(f"ignore_s = {self.ignore_s:g} must be below course.duration_s")
         return self
 
     @model_validator(mode="after")

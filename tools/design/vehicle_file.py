@@ -58,12 +58,6 @@ class VehicleFile(Settings):
         lag_s = min(sqrt(self.identified.lag_squared_s2), total_s)
         return {"lag_s": lag_s if lag_s >= LAG_S_MIN else 0.0, "dead_time_s": total_s - lag_s}
 
-    def between_speeds(self, low_m_s: float, high_m_s: float) -> Self:
-        """Return the vehicle between two speeds, with the mean as its nominal one."""
-        of_box = self.uncertainty.model_copy(update={"speed_m_s": (low_m_s, high_m_s)})
-        nominal = self.vehicle.model_copy(update={"speed_m_s": 0.5 * (low_m_s + high_m_s)})
-        return self.model_copy(update={"vehicle": nominal, "uncertainty": of_box})
-
     @property
     def box(self) -> UncertaintyBox:
         """Return the vehicles between the bounds."""

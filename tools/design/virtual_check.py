@@ -1,10 +1,8 @@
-"""The design in virtual time: both nodes, their frames and limits, quantised, with real jitter.
+"""Runs of a design: both nodes, their frames and limits, quantised, with real jitter.
 
-The linear analysis leaves out limits, quantisation and jitter; these runs have them all. They are
-compiled, which gives the numbers of the nodes in virtual time.
+The runs are compiled, which gives the numbers of the nodes in virtual time.
 """
 
-import math
 from collections.abc import Iterable
 from itertools import product
 from typing import Any, NamedTuple
@@ -30,18 +28,22 @@ from .road import road_plants, roads_of
 from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile
 
+LEFT_M = 1e3
+"""Error of a run that leaves the range of the sensor [m]."""
+
 
 class Driven(NamedTuple):
-    """The car's deviation in a run and its largest steer [rad]; infinite if the run has no end.
+    """The car's deviation in a run and its largest steer.
 
-    ``rms_m``      from the specification's ``ignore_s`` on
+    ``rms_m``      from the specification's ``ignore_s`` on, as steer and steer rate
     ``largest_m``  from the start, as ``whole_rms_m``
     """
 
-    rms_m: float = math.inf
-    whole_rms_m: float = math.inf
-    largest_m: float = math.inf
-    steer_rad: float = math.inf
+    rms_m: float = LEFT_M
+    whole_rms_m: float = LEFT_M
+    largest_m: float = LEFT_M
+    steer_rad: float = LEFT_M
+    steer_rate_rad_s: float = LEFT_M
 
 
 def drive(
@@ -54,10 +56,15 @@ def drive(
     run = run_compiled(plant, settings, plan)
     if run.outcome is not Outcome.COMPLETE:
         return Driven()
-    off_m = run.cg_deviation_m
-    settled_m = rms_of(off_m[run.time_s >= spec.ignore_s])
-    largest = (float(np.abs(values).max()) for values in (off_m, run.sent_rad))
-    return Driven(settled_m, rms_of(off_m), *largest)
+    off_m, first_tick = run.cg_deviation_m, round(spec.ignore_s * spec.rate_hz)
+    steps_rad = np.diff(run.sent_rad, prepend=0.0)
+    return Driven(
+        rms_of(off_m[run.time_s >= spec.ignore_s]),
+        rms_of(off_m),
+        float(np.abs(off_m).max()),
+        float(np.abs(run.sent_rad[first_tick:]).max()),
+        float(np.abs(steps_rad[first_tick:]).max()) * spec.rate_hz,
+    )
 
 
 def plant_settings(
@@ -144,10 +151,10 @@ def jittered(table: JitterTable) -> LatencySettings:
 
 
 def plants(
-    spec: Specification, vehicle: VehicleFile, latencies: Iterable[LatencySettings]
+    spec: Specification, vehicle: VehicleFile, latencies: Iterable[LatencySettings], **tables: Any
 ) -> list[PlantSettings]:
     """Return the plant of a run for each path, corner and latency, in this order."""
     return [
-        plant_settings(spec.period_ns, corner, path, spec.course.duration_s, latency)
+        plant_settings(spec.period_ns, corner, path, spec.course.duration_s, latency, **tables)
         for path, corner, latency in product(spec.course.paths, vehicle.box.vertices(), latencies)
     ]

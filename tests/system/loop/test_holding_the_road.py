@@ -88,25 +88,3 @@ def test_a_bend_beyond_the_grip_is_held_by_slowing_down() -> None:
     assert slows.peak_m < 0.15
     with pytest.raises(SettingsError, match="asks to slow down, which compiled runs do not carry"):
         simulate("highway_nominal", "highway_mpc", engine="compiled", overrides=asks)
-
-
-@pytest.mark.parametrize("preset", ["highway_predictor", "highway_packet"])
-@pytest.mark.parametrize("road", ["μ 1, 80 km/h", "μ 0.5, 100 km/h"])
-def test_a_law_that_knows_the_car_holds_it_though_the_path_is_unknown(
-    preset: str, road: str
-) -> None:
-    """At 200 ms, with noise; and on a car 20 % heavier and softer it does not slide."""
-    plant = plant_of(road, 0.2)
-    noise = STUDY["base"]["plant"]["sensor_noise"]
-    plant |= {f"plant.sensor_noise.{key}": value for key, value in noise.items()}
-    others = STUDY["base"]["variants"]["mpc + path, heavy and soft"]["plant"]["vehicle"]
-    other = {**plant, "plant.vehicle": {**plant["plant.vehicle"], **others}}
-    known, unknown = (
-        simulate(
-            *("highway_nominal", preset),
-            duration_s=DURATION_S, engine="compiled", overrides=each,
-        )
-        for each in (plant, other)
-    )  # fmt: skip
-    assert 0.02 < known.peak_m < 0.25
-    assert unknown.peak_m < 0.5

@@ -297,7 +297,7 @@ def test_the_program_leaves_a_preset_and_a_picture(
             str(PAPER_VEHICLE),
             *("--spec", str(tmp_path / "small.toml")),
             *("--out", str(out), "--pictures", str(pictures)),
-            *("--verify", "--set", "course.duration_s=5"),
+            *("--set", "course.duration_s=5"),
         ]
     )
     printed = capsys.readouterr()
@@ -310,11 +310,9 @@ def test_the_program_leaves_a_preset_and_a_picture(
     assert settings.law == "pd"
     assert (pictures / "small_pd.png").stat().st_size > 20_000
     assert "pd.proportional_gain_rad_m = " in printed.out
-    assert "12 runs: RMS at most" in printed.out
     rig = load_settings(PlantSettings, None, pictures / "small_plant.toml")
     assert rig.vehicle == VehicleSettings(**shipped_vehicle().vehicle.vehicle._asdict())
     assert rig.duration_s == 5.0
-    assert "held" in printed.out
     words = [str(PAPER_VEHICLE), "--spec", str(tmp_path / "small.toml"), "--pictures"]
     assert design_gains.main([*words, str(pictures), "--out", str(tmp_path / "other")]) == 2
     assert "has another run, whose small_plant.toml differs" in capsys.readouterr().err
@@ -337,7 +335,7 @@ def test_the_program_leaves_a_preset_and_a_picture(
         ("spec", "delay.step_ms = 0", "step_ms"),
         ("spec", "delay.margin_ms = 1999\ndelay.step_ms = 1", "500 delays"),
         ("spec", "course.paths = []", "paths"),
-        ("spec", "course.duration_s = 3600\nrate_hz = 1000", "100000 ticks"),
+        ("spec", "ignore_s = 9", "must be below course.duration_s"),
         ("spec", "peak_sensitivity_max = 0.5", "peak_sensitivity_max"),
         ("spec", "d_stability.cone_angle_deg = 45", "cone_angle_deg"),
         ("spec", "d_stability.bandwidth_rad_s = 0.1", "radius"),

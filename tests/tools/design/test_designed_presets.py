@@ -11,8 +11,13 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.design.demands import Study, judge_law, make_study
 from steer_by_wire.tools.design.law_design import describe
-from steer_by_wire.tools.design.predictor_design import Task, describe_predictor
+from steer_by_wire.tools.design.predictor_design import (
+    Task,
+    describe_predictor,
+    predictor_demands,
+)
 from steer_by_wire.tools.design.report import predictor_figures, preset_text
+from steer_by_wire.tools.design.road import on_road
 from steer_by_wire.tools.design.search.evolution import Values
 from steer_by_wire.tools.design.search.law_parameters import KEYS, SETTINGS_KEYS
 from steer_by_wire.tools.design.search.parameter_search import Found, confirm
@@ -56,6 +61,8 @@ WHOLE = (
 )
 PREDICTORS = (
     ("practical_predictor", "paper_vehicle", "practical_predictor"),
+    ("highway_predictor", "sedan_vehicle", "road"),
+    ("highway_packet", "sedan_vehicle", "road"),
     ("highway_stiff_predictor", "highway_vehicle", "highway_stiff"),
 )
 
@@ -87,7 +94,7 @@ def test_the_ddob_preset_keeps_under_jitter_what_its_file_states() -> None:
 
 
 @pytest.mark.parametrize(
-    ("preset", "vehicle", "specification"), sampled(PREDICTORS[:1], PREDICTORS)
+    ("preset", "vehicle", "specification"), sampled(PREDICTORS[:2], PREDICTORS)
 )
 def test_a_designed_predictor_says_what_is_measured_anew(
     preset: str, vehicle: str, specification: str
@@ -96,6 +103,8 @@ def test_a_designed_predictor_says_what_is_measured_anew(
     settings = load_settings(ControllerSettings, text)
     spec = load_settings(Specification, None, GAIN_DESIGN / f"{specification}.toml")
     box = load_settings(VehicleFile, None, GAIN_DESIGN / f"{vehicle}.toml")
+    if spec.road is not None:
+        box = on_road(spec.road, box)
     with ThreadPoolExecutor(2) as pool:
         design = describe_predictor(Task(pool, spec, box), settings)
     said = re.findall(
@@ -104,3 +113,4 @@ def test_a_designed_predictor_says_what_is_measured_anew(
         re.MULTILINE,
     )
     assert said == list(predictor_figures(spec, design))
+    assert not any(demand.excess for demand in predictor_demands(spec, design))

@@ -37,7 +37,7 @@ yaw_rate_offset_rad_s = 0
 def test_the_car_of_the_file_drives_on_the_roads_of_the_study(tmp_path: Path) -> None:
     (tmp_path / "vehicle.toml").write_text(SEDAN.read_text() + IDENTIFIED)
     vehicle = on_road(ROAD, load_vehicle(tmp_path / "vehicle.toml"))
-    assert vehicle.uncertainty.speed_m_s == pytest.approx((60.0 / 3.6, 100.0 / 3.6))
+    assert vehicle.uncertainty.speed_m_s == pytest.approx((30.0 / 3.6, 100.0 / 3.6))
     plants = road_plants(ROAD, vehicle, LatencySettings(mean_s=0.1), 5.0, 0.01)
     assert len(plants) == 18
     for plant, mass_kg in zip(plants, [1750.0] * 9 + [2100.0] * 9, strict=True):

@@ -16,7 +16,6 @@ from ....controller.analysis.sampled_loop import SampledLoop
 from ....controller.analysis.stable_delays import least_margin_ns
 from ....controller.filters.settings import QKind
 from ....controller.filters.transfer_function import TransferFunction
-from ....controller.laws.feed_forward import FeedForwardSettings
 from ....controller.laws.law_from_settings import design_law
 from ....controller.laws.predictor import NAME as PREDICTOR
 from ....controller.settings import ControllerSettings, controller_preset
@@ -24,11 +23,11 @@ from ....plant_emulator.evaluation.run_verdict import Verdict
 from ....plant_emulator.network.settings import LatencySettings
 from ....plant_emulator.sensors.settings import SensorNoiseSettings
 from ....runtime.node import NS_PER_MS
-from ..demands import OF_THE_STEER, Study, judge_law, make_study
+from ..demands import Study, judge_law, make_study, preset_of
 from ..loop_figures import behind_lag
 from ..predictor_design import design_predictor, design_values, predictor_demands
 from ..search.evolution import Values, without_end
-from ..search.law_parameters import controller_settings, with_set_point
+from ..search.law_parameters import controller_settings
 from ..search.parameter_search import find
 from ..specification import (
     DelayTable,
@@ -103,21 +102,20 @@ def study(
     panel: Panel, structure: str, delay_ms: float, fine: bool, q_kind: QKind = "type_2"
 ) -> Study:
     """Return what a structure is judged by at a delay, coarse for the search or fine."""
-    takes_map = STRUCTURES[structure].takes_map
-    spec = specification_for(panel, structure, delay_ms, q_kind)
-    without = _WITHOUT if fine else _WITHOUT | OF_THE_STEER
     return make_study(
-        spec, panel.vehicle, fine=fine, without=without, takes_map=takes_map,
+        specification_for(panel, structure, delay_ms, q_kind),
+        panel.vehicle,
+        fine=fine,
+        without=_WITHOUT,
+        takes_map=STRUCTURES[structure].takes_map,
         coarse_delays=_COARSE_DELAYS,
-    )  # fmt: skip
+    )
 
 
 def point_of(panel: Panel, fine: Study, structure: str, values: Values, judged: int = 1) -> Point:
     """Return the figures of a structure with these parameters, whether it meets them or not."""
-    law, takes_map = STRUCTURES[structure].law, STRUCTURES[structure].takes_map
-    spec, vehicle = fine.spec, fine.vehicle
+    law, spec, vehicle = STRUCTURES[structure].law, fine.spec, fine.vehicle
     settings = controller_settings(spec, vehicle, law, values)
-    whole = with_map(with_set_point(spec, settings), takes_map)
     demands = {demand.name: demand.value for demand in judge_law(fine, law, values).demands}
     lagged = [behind_lag(model, LAG_S) for model in vehicle.models]
     return Point(
@@ -129,18 +127,11 @@ def point_of(panel: Panel, fine: Study, structure: str, values: Values, judged: 
         demands.get("peak sensitivity", math.inf),
         _margin_ms(settings, vehicle.models),
         _margin_ms(settings, lagged),
-        noisy_rms_m(panel, whole, spec.delay.ms_max),
+        noisy_rms_m(panel, preset_of(fine, settings), spec.delay.ms_max),
         judged,
         values,
         spec.dob_q_kind if "dob" in values else None,
     )
-
-
-def with_map(settings: ControllerSettings, takes_map: bool) -> ControllerSettings:
-    """Return a design with the steer for the map's curvature, if it takes that."""
-    if not takes_map:
-        return settings
-    return settings.model_copy(update={"feed_forward": FeedForwardSettings()})
 
 
 def specification_for(

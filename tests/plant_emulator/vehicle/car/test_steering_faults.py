@@ -76,7 +76,7 @@ def test_the_guard_finds_a_stuck_wheel_and_no_drifting_sensor() -> None:
     follow = ("safety.follow_tolerance_rad=0.003", "actuator.rate_limit_rad_s=50")
     stuck = driven(failing("stuck_wheel", 1.0), *follow)
     assert stuck.report()["safety"]["safe_state"]["cause"] == "the wheel does not follow"
-    drifting = driven(failing("drifting_sensor", 0.01), *follow)
+    drifting = driven(failing("drifting_sensor", 0.02), *follow)
     assert drifting.report()["safety"]["safe_state"] is None
     drifted_m, intact_m = (
         math.hypot(*(sample.lateral_error_m for sample in plant.samples))
