@@ -77,20 +77,19 @@ class BusSamples:
             if isinstance(message, SteeringCommand | SteeringPlan):
                 self._commands[command_at(message, 0).command_counter] = message
             elif isinstance(message, SteeringStatus):
-                row = message.wheel_angle_rad, self._in_effect_rad(message, counter)
-                self._add(SteeringStatus, counter, taken.at_s, *row)
+                in_effect_rad = self._in_effect_rad(message, counter)
+                self._add(message, counter, message.wheel_angle_rad, in_effect_rad)
             elif isinstance(message, VehicleState):
-                row = message.speed_m_s, message.yaw_rate_rad_s
-                self._add(VehicleState, counter, taken.at_s, *row)
+                self._add(message, counter, message.speed_m_s, message.yaw_rate_rad_s)
             elif isinstance(message, LateralError):
-                row = message.lateral_error_m, message.heading_error_rad
-                self._add(LateralError, counter, taken.at_s, *row)
+                self._add(message, counter, message.lateral_error_m, message.heading_error_rad)
 
-    def _add(self, kind: type, counter: int, *row: float) -> None:
+    def _add(self, message: object, counter: int, *values: float) -> None:
+        kind = type(message)
         newest = max(self._numbers.values(), default=counter)
         expected = self._numbers[kind] + 1 if kind in self._numbers else newest
         number = self._numbers[kind] = unwrapped(counter, expected, COUNTERS)
-        self.rows[kind].append((number, row[0] + self._pause_s, *row[1:]))
+        self.rows[kind].append((number, self._at_s + self._pause_s, *values))
 
     def _in_effect_rad(self, status: SteeringStatus, counter: int) -> float:
         command = self._commands.get(status.applied_counter)
@@ -134,19 +133,15 @@ def read_bus(
         time_s = _sensing_times(rows[:, 0], rows[:, 1], of_ours=language.file is None)
         if channels and language.file is None:
             # One sample of the plant gives both messages.
-            time_s = time_s - _off_grid_s(time_s, channels[0])
+            period_s = channels[0].period_s
+            off = (time_s - channels[0].time_s[0]) / period_s
+            time_s = time_s - period_s * np.median(off - np.round(off))
         for quantity, values in zip(quantities, rows.T[2:], strict=True):
             if quantity is None:
                 command_rad = values
             elif str(quantity) not in lacking:
                 channels.append(Channel(str(quantity), quantity, time_s, values))
     return BusLog(channels, command_rad, figures, analysis.latencies)
-
-
-def _off_grid_s(time_s: FloatArray, grid: Channel) -> float:
-    """Return by how much times are later than those of a grid, by the nearest of it."""
-    off = (time_s - grid.time_s[0]) / grid.period_s
-    return float(np.median(off - np.round(off))) * grid.period_s
 
 
 def _sensing_times(number: FloatArray, arrival_s: FloatArray, *, of_ours: bool) -> FloatArray:
