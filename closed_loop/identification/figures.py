@@ -7,7 +7,7 @@
 Stiffness and inertia are per kilogram. Lengths scale with the wheelbase where that is assumed.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from math import inf, sqrt
 from typing import NamedTuple
@@ -112,64 +112,58 @@ _DELAYS = ("delay_and_lag_s", "lag_s", "dead_time_s")
 
 
 class _Quantity(NamedTuple):
-    """A figure as a function of the parameters, and the one whose profile bounds it."""
+    """What is told of a car, and the parameter whose profile bounds it."""
 
     name: str
     unit: str
-    function: Callable[[Mapping[str, float]], float]
     source: str = ""
 
 
-def quantities(problem: Problem) -> list[_Quantity]:
-    """Return what is told of a car."""
-    known, names = problem.known, {one.name for one in problem.coordinates}
+_OF_CAR = (
+    _Quantity("understeer_gradient_rad_s2_m", "rad s2/m"),
+    _Quantity("front_stiffness_per_mass_n_rad_kg", "N/(rad kg)", "front_c"),
+    _Quantity("rear_stiffness_per_mass_n_rad_kg", "N/(rad kg)", "rear_c"),
+    _Quantity("yaw_inertia_per_mass_m2", "m2", "inertia"),
+    _Quantity("friction", "1", "friction"),
+    _Quantity("relaxation_m", "m", "relaxation_m"),
+    _Quantity("delay_and_lag_s", "s", "delay_and_lag_s"),
+    _Quantity("lag_s", "s", "lag_squared_s2"),
+    _Quantity("dead_time_s", "s"),
+    _Quantity("steering_ratio", "1", "steering_ratio"),
+    _Quantity("wheelbase_m", "m", "wheelbase_m"),
+    _Quantity("steering_offset_rad", "rad"),
+    _Quantity("yaw_rate_offset_rad_s", "rad/s"),
+)
+_PRODUCT = _Quantity("steering_ratio_times_wheelbase_m", "m")
 
-    def inertia(v: Mapping[str, float]) -> float:
-        return v["inertia"] * v["front_share"] * (1.0 - v["front_share"]) * v["wheelbase_m"] ** 2
 
-    def itself(name: str, unit: str, source: str = "") -> _Quantity:
-        return _Quantity(name, unit, lambda v: v[name], source)
+def figure_values(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the figures of a set of parameters by name; beside them the parameters."""
+    v, lag_s = parameters, sqrt(parameters["lag_squared_s2"])
+    share, wheelbase_m = v["front_share"], v["wheelbase_m"]
+    return {
+        **v,
+        "understeer_gradient_rad_s2_m": (1.0 / v["front_c"] - 1.0 / v["rear_c"]) / GRAVITY_M_S2,
+        "front_stiffness_per_mass_n_rad_kg": v["front_c"] * GRAVITY_M_S2 * (1.0 - share),
+        "rear_stiffness_per_mass_n_rad_kg": v["rear_c"] * GRAVITY_M_S2 * share,
+        "yaw_inertia_per_mass_m2": v["inertia"] * share * (1.0 - share) * wheelbase_m**2,
+        "lag_s": lag_s,
+        "dead_time_s": v["delay_and_lag_s"] - lag_s,
+        "steering_ratio_times_wheelbase_m": v["steering_ratio"] * wheelbase_m,
+    }
 
-    found = [
-        _Quantity(
-            "understeer_gradient_rad_s2_m", "rad s2/m",
-            lambda v: (1.0 / v["front_c"] - 1.0 / v["rear_c"]) / GRAVITY_M_S2,
-        ),
-        _Quantity(
-            "front_stiffness_per_mass_n_rad_kg", "N/(rad kg)",
-            lambda v: v["front_c"] * GRAVITY_M_S2 * (1.0 - v["front_share"]), "front_c",
-        ),
-        _Quantity(
-            "rear_stiffness_per_mass_n_rad_kg", "N/(rad kg)",
-            lambda v: v["rear_c"] * GRAVITY_M_S2 * v["front_share"], "rear_c",
-        ),
-        _Quantity("yaw_inertia_per_mass_m2", "m2", inertia, "inertia"),
-        itself("friction", "1", "friction"),
-        itself("relaxation_m", "m", "relaxation_m"),
-        itself("delay_and_lag_s", "s", "delay_and_lag_s"),
-        _Quantity("lag_s", "s", lambda v: sqrt(v["lag_squared_s2"]), "lag_squared_s2"),
-        _Quantity(
-            "dead_time_s", "s", lambda v: v["delay_and_lag_s"] - sqrt(v["lag_squared_s2"])
-        ),
-        itself("steering_ratio", "1", "steering_ratio"),
-        itself("wheelbase_m", "m", "wheelbase_m"),
-        itself("steering_offset_rad", "rad"),
-        itself("yaw_rate_offset_rad_s", "rad/s"),
-    ]  # fmt: skip
+
+def _quantities(problem: Problem) -> list[_Quantity]:
+    """Return what a problem leaves to be told."""
+    found, names = [*_OF_CAR], {one.name for one in problem.coordinates}
     for name in problem.sensors[1:]:
         offset_unit = "m/s2" if name.startswith("lateral") else "rad/s"
         units = {"delay_s": "s", "gain": "1", "offset": offset_unit}
-        found += [itself(f"{name}:{kind}", unit) for kind, unit in units.items()]
+        found += [_Quantity(f"{name}:{kind}", unit) for kind, unit in units.items()]
     if {"steering_ratio", "wheelbase_m"} <= names:
-        found.append(
-            _Quantity(
-                "steering_ratio_times_wheelbase_m", "m",
-                lambda v: v["steering_ratio"] * v["wheelbase_m"],
-            )
-        )  # fmt: skip
-    told = {"yaw_inertia_per_mass_m2"} if known.yaw_inertia_kg_m2 is not None else set()
-    fixed = problem.held.keys() | told
-    return [one for one in found if one.name not in fixed]
+        found.append(_PRODUCT)
+    told = {"yaw_inertia_per_mass_m2"} if problem.known.yaw_inertia_kg_m2 is not None else set()
+    return [one for one in found if one.name not in problem.held.keys() | told]
 
 
 def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()) -> list[Figure]:
@@ -181,7 +175,7 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
     # Of two factors turning shows the product alone.
     pair = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
     factors = pair if "wheelbase_m" in {one.name for one in found.problem.assumed} else {}
-    for quantity in quantities(found.problem):
+    for quantity in _quantities(found.problem):
         slope = _slope(found, quantity)
         low, high = _ends(found, quantity, slope)
         if progress is not None:
@@ -196,7 +190,7 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
             high = max(high, 0.0)
         if quantity.unit in _POSITIVE or (quantity.name in _DELAYS and high >= 0.0):
             low = max(low, 0.0)
-        value = min(max(quantity.function(found.values), low), high)
+        value = min(max(figure_values(found.values)[quantity.name], low), high)
         by_unit = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
         enough = _ENOUGH.get(quantity.name, by_unit)
         note, verdict = "", Verdict.IDENTIFIED
@@ -212,7 +206,7 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
 
 def _ends(found: Fit, quantity: _Quantity, slope: FloatArray) -> tuple[float, float]:
     """Return the interval by the covariance."""
-    value = quantity.function(found.values)
+    value = figure_values(found.values)[quantity.name]
     half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
     if quantity.name in ("lag_s", "dead_time_s"):
         square_s2, its_half = found.values["lag_squared_s2"], half_of(found, "lag_squared_s2")
@@ -252,7 +246,7 @@ def _by_profile(
         return (-inf if low == -inf else ends[0], inf if high == inf else ends[1])
     lower, higher = (
         end if abs(end) == inf
-        else quantity.function({**found.values, quantity.source: parameter.value(end)})
+        else figure_values({**found.values, quantity.source: parameter.value(end)})[quantity.name]
         for end in (low, high)
     )  # fmt: skip
     return lower, higher
@@ -271,7 +265,7 @@ def _slope(found: Fit, quantity: _Quantity) -> FloatArray:
         places = found.x[at] + 1e-4 * one.scale * np.array([-1.0, 1.0])
         below, above = found.x.copy(), found.x.copy()
         below[at], above[at] = np.clip(places, one.low, one.high)
-        values = (quantity.function(found.problem.values(x)) for x in (above, below))
+        values = (figure_values(found.problem.values(x))[quantity.name] for x in (above, below))
         slope[at] = (next(values) - next(values)) / (above[at] - below[at])
     return slope
 
@@ -294,5 +288,5 @@ def _partner(found: Fit, quantity: _Quantity, slope: FloatArray, enough: float) 
 
 def user_name(problem: Problem, parameter: str) -> str:
     """Return the name of the figure that a parameter is for the user."""
-    names = {one.source: one.name for one in quantities(problem)}
+    names = {one.source: one.name for one in _quantities(problem)}
     return {**names, "front_share": "front_axle_distance_m"}.get(parameter, parameter)

@@ -24,7 +24,6 @@ from steer_by_wire.closed_loop.identification.identified import identify
 from steer_by_wire.closed_loop.identification.parameters import Known
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
 from steer_by_wire.runtime.array_types import FloatArray
-from tests.support.runs.drawn_drives import swept
 
 STEP_S, LAG_S = 1e-3, 0.05
 SWEEPS = ((16.7, 3.0), (7.0, 2.0))
@@ -70,9 +69,11 @@ def sweep(parameters: Any, number: int, which: int) -> list[Channel]:
     """Return the channels of a sweep from 0.2 to 3 Hz."""
     speed_m_s, side_m_s2 = SWEEPS[which]
     time_s = np.arange(0.0, 32.0, STEP_S)
+    sweep_s = np.clip(time_s - 2.0, 0.0, 26.0)
+    cycles = 0.2 * 26.0 / np.log(15.0) * (15.0 ** (sweep_s / 26.0) - 1.0)
     kept = np.exp(-STEP_S / LAG_S)
     wheelbase_m = parameters.a + parameters.b
-    asked = side_m_s2 * wheelbase_m / speed_m_s**2 * swept(time_s - 2.0)
+    asked = side_m_s2 * wheelbase_m / speed_m_s**2 * np.sin(2.0 * np.pi * cycles)
     wheel = lfilter([1.0 - kept], [1.0, -kept], asked)
     yaw_rate, speed = driven(parameters, wheel, speed_m_s)
     rng = np.random.default_rng(number + 10 * which)

@@ -11,14 +11,12 @@ import argparse
 import json
 import sys
 from collections import defaultdict
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from steer_by_wire.closed_loop.identification.figures import Verdict, figures_of, quantities
-from steer_by_wire.closed_loop.identification.fit import Fit
+from steer_by_wire.closed_loop.identification.figures import Verdict, figure_values, figures_of
 from steer_by_wire.closed_loop.identification.identified import identify
 from steer_by_wire.closed_loop.identification.time_series import make_drive
 from steer_by_wire.runtime.settings import SettingsError
@@ -27,11 +25,6 @@ from tests.support.runs.drawn_drives import drawn_car, log_of, normal, prescribe
 OFFSET = "lateral_acceleration_m_s2:delay_s"
 EXPECTED = ("understeer_gradient_rad_s2_m", "friction", "relaxation_m", "delay_and_lag_s")
 """What prescribed driving has to identify."""
-
-
-def true_figures(found: Fit, truth: Mapping[str, float]) -> dict[str, float]:
-    """Return what a fit's figures are in truth."""
-    return {one.name: one.function(truth) for one in quantities(found.problem)}
 
 
 def one_car(seed: int) -> dict[str, Any]:
@@ -48,7 +41,7 @@ def one_car(seed: int) -> dict[str, Any]:
         found = identify(make_drive(drawn.channels, f"car {seed}"), drawn.known, is_brief=True)
     except SettingsError as error:
         return row | {"refused": str(error)}
-    truth = true_figures(found.found, drawn.truth)
+    truth = figure_values(drawn.truth)
     fisher = found.found._replace(covariance=found.found.plain, critical=1.96)
     bounds = figures_of(fisher, None)
     row["figures"] = {

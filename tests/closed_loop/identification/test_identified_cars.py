@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from steer_by_wire.closed_loop.identification.figures import Verdict, figures_of, half_of
+from steer_by_wire.closed_loop.identification.figures import (
+    Verdict,
+    figure_values,
+    figures_of,
+    half_of,
+)
 from steer_by_wire.closed_loop.identification.fit import long_run_sums
 from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
@@ -17,7 +22,7 @@ from steer_by_wire.closed_loop.identification.vehicle_file import (
     vehicle_toml,
 )
 from steer_by_wire.runtime.settings import SettingsError
-from tests.searches.hidden_cars import EXPECTED, one_car, true_figures
+from tests.searches.hidden_cars import EXPECTED, one_car
 from tests.support.runs.drawn_drives import DrawnDrive, drawn_car, log_of, prescribed
 
 SEED = 3
@@ -40,7 +45,7 @@ def found() -> Identification:
 
 
 def test_no_figure_of_a_drawn_car_is_far_from_the_truth() -> None:
-    truth = true_figures(found().found, drawn().truth)
+    truth = figure_values(drawn().truth)
     for one in found().figures:
         # One in twenty may be outside of its 95 %: the search ``hidden_cars`` counts them.
         beyond = one.high - one.low

@@ -59,18 +59,13 @@ def gain_1_s(car: Mapping[str, float], speed_m_s: float | FloatArray) -> FloatAr
     return speed / (car["wheelbase_m"] + gradient * speed**2) / car["steering_ratio"]
 
 
-def swept(time_s: FloatArray) -> FloatArray:
-    """Return a sweep from 0.2 to 3 Hz in 26 s, within ± 1."""
-    sweep_s = np.clip(time_s, 0.0, 26.0)
-    cycles = 0.2 * 26.0 / np.log(15.0) * (15.0 ** (sweep_s / 26.0) - 1.0)
-    return np.where(time_s < 26.0, np.sin(2.0 * np.pi * cycles), 0.0)
-
-
 def prescribed(car: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
     """Return steering [rad] and speed [m/s] on the grid: sweep at 60, steps at 80, hard slalom."""
     time_s = np.arange(0.0, 70.0, STEP_S)
     speed = np.interp(time_s, [0, 3, 32, 40, 70], [11.0, 16.7, 16.7, 22.2, 22.2])
-    a_y = TURNING_MS2 * swept(time_s - 4.0)
+    sweep_s = np.clip(time_s - 4.0, 0.0, 26.0)
+    phase = 2.0 * np.pi * 0.2 * 26.0 / np.log(15.0) * (15.0 ** (sweep_s / 26.0) - 1.0)
+    a_y = TURNING_MS2 * np.where((time_s > 4.0) & (time_s < 30.0), np.sin(phase), 0.0)
     for start_s, end_s, level in ((41, 44, 3.0), (46, 49, -3.5), (51, 53, 2.0)):
         ramp = np.clip((time_s - start_s) / 0.2, 0, 1) - np.clip((time_s - end_s) / 0.2, 0, 1)
         a_y = a_y + level * ramp
