@@ -181,7 +181,8 @@ def run_design(options: argparse.Namespace) -> int:
         for law in laws
     }
     status, figures = int(ExitStatus.OK), dict[str, Any]()
-    fallback = _fallback_of(spec)
+    named = spec.predictor and spec.predictor.fallback
+    fallback = controller_preset(named) if named else None
     bars = counting_bars(plain_console(is_error=True))
     with worker_pool(WORKERS) as pool, bars:
         searched = bars.add_task("", total=len(laws))
@@ -232,12 +233,6 @@ def _write_settings(spec: Specification, vehicle: VehicleFile, out: Path, pictur
     for name, text in texts.items():
         write_text(pictures / name, text)
     return rig
-
-
-def _fallback_of(spec: Specification) -> ControllerSettings | None:
-    """Return the preset that the predictor falls back to; None for the one designed here."""
-    table = spec.predictor
-    return None if table is None or table.fallback is None else controller_preset(table.fallback)
 
 
 def _print(outcome: Outcome) -> Mapping[str, Any]:

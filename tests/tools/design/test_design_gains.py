@@ -25,7 +25,7 @@ from steer_by_wire.tools.design.search.evolution import (
     Search,
     SearchStoppedError,
     Values,
-    without_end,
+    ends_after,
 )
 from steer_by_wire.tools.design.search.law_parameters import bounds, controller_settings
 from steer_by_wire.tools.design.search.parameter_search import cost, find
@@ -67,7 +67,7 @@ def small_spec(folder: Path, *overrides: str) -> Specification:
 @pytest.fixture(scope="module")
 def designed(tmp_path_factory: pytest.TempPathFactory) -> Design:
     found = design(
-        small_spec(tmp_path_factory.mktemp("spec")), shipped_vehicle(), "pd", without_end
+        small_spec(tmp_path_factory.mktemp("spec")), shipped_vehicle(), "pd", ends_after(math.inf)
     )
     assert isinstance(found, Design)
     return found
@@ -127,7 +127,7 @@ def test_a_known_design_takes_the_place_of_the_first_start(
     known = {"k_p": 1.48, "k_d": 0.061, "derivative_filter": 27.0}
     monkeypatch.setattr(Search, "evolve", evolve)
     monkeypatch.setattr(Search, "best", lambda *_: [known])
-    find(study, study, "pd", without_end, known)
+    find(study, study, "pd", ends_after(math.inf), known)
     assert begun == [(known, 0.05), (None, 0.25)]
 
 

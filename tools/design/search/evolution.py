@@ -32,12 +32,8 @@ class SearchStoppedError(Exception):
     """The time of a search is up."""
 
 
-def without_end() -> None:
-    """Let a search come to its own end."""
-
-
 def ends_after(minutes: float) -> Check:
-    """Return the check that ends a search some minutes from now."""
+    """Return the check that ends a search some minutes from now; infinite for its own end."""
     end_s = time.monotonic() + 60.0 * minutes
 
     def check() -> None:
