@@ -75,13 +75,10 @@ def identify(
         alone = fit(problem_of(rates, known), of_rates, progress, found)
         if alone.is_whole and _contradicts(found, alone):
             _refuse_late_side(found)
-            percents, delays_ms = zip(
-                *((_residual(it), 1e3 * it.values["delay_and_lag_s"]) for it in (found, alone)),
-                strict=True,
-            )
+            delays_ms = [1e3 * one.values["delay_and_lag_s"] for one in (found, alone)]
             notes.append(
                 "lateral acceleration left out: with it the yaw rate's residual is"
-                f" {percents[0]:.1f} %, without {percents[1]:.1f} %, delay and lag"
+                f" {_residual(found):.1f} %, without {_residual(alone):.1f} %, delay and lag"
                 f" {delays_ms[0]:.0f} and {delays_ms[1]:.0f} ms: roll, or the place of its sensor"
                 " (lateral_acceleration_ahead_m of --known)"
             )

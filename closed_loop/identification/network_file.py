@@ -27,7 +27,7 @@ class Way(NamedTuple):
 
     mean_s: float
     spread_s: float
-    correlation_s: float
+    correlation_s: float = 0.0
 
 
 def network_toml(figures: Mapping[str, Any], latencies: Latencies) -> str | None:
@@ -112,7 +112,7 @@ def _sent(
     ``sample_s``  period of the samples that see them; 0 if they are seen on arrival
     """
     uniform = np.random.default_rng(1).uniform(1e-6, 1.0 - 1e-6, _DRAWN)
-    sent = Way(max(mean_s - 0.5 * sample_s, 1e-4), max(jitter_s, 1e-6), 0.0)
+    sent = Way(max(mean_s - 0.5 * sample_s, 1e-4), max(jitter_s, 1e-6))
     shown = np.zeros(2)
     for _ in range(_ROUNDS):
         shown = _shown(_gamma(uniform, sent), frame_s, sample_s)
@@ -120,11 +120,8 @@ def _sent(
             break
         # A jitter of less than the wait for a sample is not seen.
         ratio = jitter_s / max(float(shown.std()), 1e-9)
-        sent = Way(
-            max(sent.mean_s + mean_s - float(shown.mean()), 0.0),
-            sent.spread_s * float(np.clip(ratio, 0.5, 2.0)),
-            0.0,
-        )
+        spread_s = sent.spread_s * float(np.clip(ratio, 0.5, 2.0))
+        sent = Way(max(sent.mean_s + mean_s - float(shown.mean()), 0.0), spread_s)
     return sent, shown
 
 

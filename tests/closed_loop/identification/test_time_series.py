@@ -107,37 +107,30 @@ def test_a_log_without_a_yaw_rate_is_refused_by_name() -> None:
 
 def test_columns_are_read_in_the_units_of_their_names(tmp_path) -> None:
     file = tmp_path / "log.csv"
-    file.write_text("time_ms,speed_km_h,yaw_rate_deg_s,x\n0,36,90,1\n10,72,,2\n")
+    beyond_any_car = "1e300,36,0,0\n20,1e300,,0\n"
+    file.write_text(f"time_ms,speed_km_h,yaw_rate_deg_s,x\n0,36,90,1\n10,72,,2\n{beyond_any_car}")
     speed, rate = read_columns(file)
     assert speed.values == pytest.approx([10.0, 20.0])
     assert speed.time_s == pytest.approx([0.0, 0.01])
     assert rate.values == pytest.approx([np.pi / 2.0])
 
 
-def test_what_is_beyond_any_car_is_no_sample(tmp_path) -> None:
-    file = tmp_path / "log.csv"
-    file.write_text("time_s,speed_m_s\n0,1\n1e300,2\n1,1e300\n2,3\n")
-    (speed,) = read_columns(file)
-    assert (speed.time_s.tolist(), speed.values.tolist()) == ([0.0, 2.0], [1.0, 3.0])
-
-
-def test_a_proposed_mapping_reads_its_table(tmp_path) -> None:
+@pytest.mark.parametrize(
+    ("table", "steering"),
+    [
+        ("t,SAS_deg,VehSpeed_kmh\n0,90,36\n1,180,72\n", (Quantity.HAND_WHEEL, np.pi / 2.0)),
+        ("time_s,wheel_angle_rad,speed_m_s\n0,0.1,10\n1,0.2,20\n", (Quantity.WHEEL, 0.1)),
+    ],
+)
+def test_a_proposed_mapping_reads_its_table(tmp_path, table, steering) -> None:
     file, mapping = tmp_path / "log.csv", tmp_path / "map.toml"
-    file.write_text("t,SAS_deg,VehSpeed_kmh,YawRate\n0,90,36,0.1\n1,180,72,0.2\n")
-    mapping.write_text(proposed_mapping(file))
+    file.write_text(table)
+    mapping.write_text(proposed_mapping(file))  # either steering angle is enough
     by_quantity = {one.quantity: one.values for one in read_columns(file, mapping)}
-    assert by_quantity[Quantity.HAND_WHEEL] == pytest.approx([np.pi / 2.0, np.pi])
+    quantity, first_rad = steering
+    assert by_quantity.keys() == {quantity, Quantity.SPEED}
+    assert by_quantity[quantity] == pytest.approx([first_rad, 2.0 * first_rad])
     assert by_quantity[Quantity.SPEED] == pytest.approx([10.0, 20.0])
-    assert by_quantity[Quantity.YAW_RATE] == pytest.approx([0.1, 0.2])
-
-
-def test_a_proposed_mapping_reads_the_names_that_need_none(tmp_path) -> None:
-    file, mapping = tmp_path / "log.csv", tmp_path / "map.toml"
-    file.write_text("time_s,wheel_angle_rad,speed_m_s\n0,0.1,10\n0.01,0.2,20\n")
-    mapping.write_text(proposed_mapping(file))
-    assert "hand_wheel" not in mapping.read_text()  # either steering angle is enough
-    by_quantity = {one.quantity: one.values for one in read_columns(file, mapping)}
-    assert by_quantity[Quantity.WHEEL] == pytest.approx([0.1, 0.2])
 
 
 @pytest.mark.parametrize(
