@@ -344,11 +344,9 @@ class Export(Protocol):
 
     def write(self, taken: LoggedMessages) -> None:
         """Add what a frame says."""
-        ...
 
     def close(self) -> None:
         """Write out what is still held back."""
-        ...
 
 
 class AnalysedLog(NamedTuple):

@@ -18,8 +18,6 @@ from .latency_distributions import Distribution
 from .latency_draw import LatencyDraw
 from .settings import LatencySettings, Order
 
-_BLOCK = 256
-"""Frames after which deferred statistics are made."""
 WAITING_MAX = 100_000
 """Frames that a line holds: three times those of the longest latency at the highest rate."""
 
@@ -69,20 +67,18 @@ class LatencyLine(Generic[Item]):
         self.latest_latency_ns = 0
         self._samples = 0
         """Calls of ``push``, while latencies are drawn: a trace may have one row for each."""
-        self._pushed = self._settled = 0
+        self._pushed = self._released = 0
         self._lost = self._superseded = self._overflowed = 0
         self._latency, self._injected = DurationStatistics(), DurationStatistics()
-        # Durations not in the statistics yet.
-        self._latencies_ns: list[int] = []
-        self._injected_ns: list[int] = []
         self._came_in_turn = self._left_in_turn = 0
+        """Frames of constant latency that are not in the statistics yet."""
 
     @property
     def counts(self) -> LineCounts:
         """Counts of the frames so far."""
         return LineCounts(
             self._pushed + self._came_in_turn,
-            self._settled + len(self._latencies_ns) + self._left_in_turn,
+            self._released + self._left_in_turn,
             self._lost,
             self._superseded,
             self._overflowed,
@@ -118,7 +114,7 @@ class LatencyLine(Generic[Item]):
                 self.next_due_ns = in_turn[0][0]
                 return
             self._separate()
-        in_order, sequence, injected_ns = self._in_order, self._sequence, self._injected_ns
+        in_order, sequence = self._in_order, self._sequence
         for item in frames:
             latency_ns = constant_ns
             if latency_ns is None:
@@ -128,7 +124,7 @@ class LatencyLine(Generic[Item]):
                 self._lost += 1
                 continue
             self.latest_latency_ns = latency_ns
-            injected_ns.append(latency_ns)
+            self._injected.record(latency_ns)
             if len(waiting) >= WAITING_MAX:
                 self._overflowed += 1
                 continue
@@ -143,13 +139,11 @@ class LatencyLine(Generic[Item]):
         self._samples += 1
         if waiting:
             self.next_due_ns = waiting[0][0]
-        if len(injected_ns) >= _BLOCK:
-            self._settle()
 
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
         """Return the frames due up to ``now_ns``, in order."""
         released: list[Passage[Item]] = []
-        in_turn, latencies_ns, self.next_due_ns = self._in_turn, self._latencies_ns, NEVER_NS
+        in_turn, self.next_due_ns = self._in_turn, NEVER_NS
         while in_turn:
             due_ns, _, frames = passage = in_turn[0]
             if due_ns > now_ns:
@@ -170,7 +164,8 @@ class LatencyLine(Generic[Item]):
                 self.next_due_ns = due_ns
                 break
             else:
-                latencies_ns.append(due_ns - came_ns)
+                self._latency.record(due_ns - came_ns)
+                self._released += 1
                 released.append((due_ns, came_ns, (item,)))
                 if newest_wins:
                     newest[item[0]] = sequence
@@ -187,14 +182,10 @@ class LatencyLine(Generic[Item]):
         self._in_turn.clear()
 
     def _settle(self) -> None:
-        """Make the deferred statistics."""
-        self._pushed += self._came_in_turn
-        self._settled += len(self._latencies_ns) + self._left_in_turn
-        self._latency.record_all(self._latencies_ns)
-        self._injected.record_all(self._injected_ns)
+        """Take the frames of constant latency into the statistics."""
         if (constant_ns := self._draw.constant_ns) is not None:
             self._latency.record_many(constant_ns, self._left_in_turn)
             self._injected.record_many(constant_ns, self._came_in_turn)
+        self._pushed += self._came_in_turn
+        self._released += self._left_in_turn
         self._came_in_turn = self._left_in_turn = 0
-        self._latencies_ns.clear()
-        self._injected_ns.clear()

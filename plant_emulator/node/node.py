@@ -430,9 +430,7 @@ class PlantNode:
         if not math.isfinite(steer_rad):
             self._fail(NOT_FINITE_COMMAND, due_ns)
         elif self._unit.on_command(steer_rad, motion_ns, is_new):
-            self._motion.command(self._unit.target_rad)
-            if self._stop_m_s2 is not None:
-                self._brake(self._stop_m_s2)
+            self._set_target()
             return True
         return False
 
@@ -441,13 +439,13 @@ class PlantNode:
         seen = NO_PATH if z is None else PathSeen(z[RHO], z[Y], z[PSI])
         if self._unit.on_timer(self._motion_ns(due_ns), seen):
             self._advance(due_ns)
-            self._motion.command(self._unit.target_rad)
-            if self._stop_m_s2 is not None:
-                self._brake(self._stop_m_s2)
+            self._set_target()
 
-    def _brake(self, stop_m_s2: float) -> None:
-        """Let the car brake to a stop while the steering has fallen back, and not otherwise."""
-        self._motion.brake(stop_m_s2 if self._unit.stops else 0.0)
+    def _set_target(self) -> None:
+        """Turn the wheel to the target; let the car brake to a stop only in the fallback."""
+        self._motion.command(self._unit.target_rad)
+        if self._stop_m_s2 is not None:
+            self._motion.brake(self._stop_m_s2 if self._unit.stops else 0.0)
 
     def _sense(self, time_ns: int) -> None:
         motion_ns = self._advance(time_ns)

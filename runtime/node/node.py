@@ -36,20 +36,16 @@ class Node(Protocol):
     @property
     def deadline_ns(self) -> int:
         """When ``on_tick`` wants to be called next [ns]."""
-        ...
 
     @property
     def finished(self) -> bool:
         """Whether the node has nothing left to do, so that the run may end."""
-        ...
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Take a frame that arrived at ``now_ns``; return the frames to send."""
-        ...
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Do all that is due at ``now_ns``; return the frames to send."""
-        ...
 
 
 class View(NamedTuple):
@@ -70,11 +66,9 @@ class ReportingNode(Node, Protocol):
 
     def on_unauthenticated(self) -> None:
         """Note that a frame was refused before it came here."""
-        ...
 
     def view(self, now_ns: int) -> View:
         """Return what a user should see at ``now_ns``; asked for often, so it must be quick."""
-        ...
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far: numbers, texts, and mappings of them.
@@ -83,7 +77,6 @@ class ReportingNode(Node, Protocol):
                      rate or its result was not finite. Such a node enters its safe state for good,
                      reports this on the bus, and has then ``finished``
         """
-        ...
 
 
 N = TypeVar("N", bound=ReportingNode)

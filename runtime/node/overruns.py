@@ -117,10 +117,8 @@ class OverrunSupervision:
     def __init__(self, rule: OverrunRule) -> None:
         self._rule = rule
         self._x = NO_OVERRUNS
-        self._overran, self._was_missed = (
-            bytearray(rule.window_ticks),
-            bytearray(rule.window_periods),
-        )
+        self._overran = bytearray(rule.window_ticks)
+        self._was_missed = bytearray(rule.window_periods)
         """Rings: 1 for a tick that overran and for a period that was missed."""
         self._is_calm = True
         """Whether the rings hold zeros alone."""

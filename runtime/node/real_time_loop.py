@@ -47,11 +47,9 @@ class Port(Protocol):
 
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
-        ...
 
     def send(self, frame: Frame) -> bool:
         """Send ``frame`` without waiting; returns whether the bus had room."""
-        ...
 
 
 class RealTimeExecutor:

@@ -8,7 +8,6 @@ the durations.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
 
 from .node import NS_PER_S
 
@@ -38,11 +37,6 @@ class DurationStatistics:
         waiting.append(duration_ns)
         if len(waiting) >= _BLOCK:
             self._count_waiting()
-
-    def record_all(self, durations_ns: Sequence[int]) -> None:
-        """Add durations [ns], none of them negative."""
-        self._waiting += durations_ns
-        self._count_waiting()
 
     def record_many(self, duration_ns: int, count: int) -> None:
         """Add one duration, 0 or more [ns], ``count`` times."""

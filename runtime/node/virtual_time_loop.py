@@ -34,18 +34,14 @@ Delivered = tuple[int, int, Frame]
 class Wire(Protocol):
     """Carries frames between the nodes and takes time, as a BusModel with a bit rate."""
 
-    @property
-    def next_event_ns(self) -> int:
-        """When the next frame is complete [ns]; NEVER_NS with nothing on the way."""
-        ...
+    next_event_ns: int
+    """When the next frame is complete [ns]; NEVER_NS with nothing on the way."""
 
     def submit(self, frames: Sequence[Frame], sender: int, now_ns: int) -> None:
         """Take frames to send at ``now_ns``, in order."""
-        ...
 
     def advance(self, now_ns: int) -> Sequence[Delivered]:
         """Return the frames completed up to ``now_ns``, in order of completion."""
-        ...
 
 
 class InstantWire:

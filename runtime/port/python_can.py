@@ -52,7 +52,6 @@ class ClosablePort(Port, Protocol):
 
     def shutdown(self) -> None:
         """Release its resources."""
-        ...
 
 
 def open_bus(namespace: argparse.Namespace, choice: Choice) -> tuple[can.BusABC, str]:

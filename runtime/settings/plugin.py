@@ -37,7 +37,6 @@ class Part(Protocol):
     @property
     def settings(self) -> type[Settings] | None:
         """Model of the part's own table; None: it has none."""
-        ...
 
 
 class PartError(SettingsError):
