@@ -94,10 +94,10 @@ NEEDS_POSIX = {
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 LONGEST = (
-    "test_house_rules", "test_pages", "test_any_processor", "test_designed_presets",
-    "test_compiled_run", "test_examples", "test_package", "test_studies_over_a_bus",
-    "test_controller_program", "test_cockpit_page", "test_demo", "test_study_report",
-    "test_documentation", "test_plugin_law",
+    "test_cockpit_page", "test_house_rules", "test_pages", "test_examples", "test_documentation",
+    "test_mpc", "test_packet_network", "test_compiled_run", "test_any_processor",
+    "test_detected_faults", "test_designed_presets", "test_plugin_parts", "test_package",
+    "test_studies_over_a_bus", "test_demo", "test_controller_program", "test_study_report",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""
 
