@@ -197,14 +197,8 @@ def _failure(fault: FaultSettings) -> Failure:
 
 def plant_motion_params(settings: PlantSettings) -> AnyMotionParams:
     """Return the constants of the motion; raises what ``motion_params`` raises."""
-    return motion_params(
-        settings.vehicle,
-        settings.actuator,
-        settings.path,
-        settings.disturbance,
-        settings.car,
-        settings.steering_failures,
-    )
+    driven = settings.vehicle, settings.actuator, settings.path, settings.disturbance
+    return motion_params(*driven, settings.car, settings.steering_failures)
 
 
 def plant_preset(name: str, overrides: Sequence[str] = ()) -> PlantSettings:

@@ -136,10 +136,8 @@ class CompiledRun(NamedTuple):
         if not isinstance(self.motion, CarMotionParams) or type(self.motion.car) is not CarParams:
             return
         for speed_m_s, *tyres in zip(self.speed_m_s, *self.tyres, strict=True):
-            front_slip, rear_slip, along_m_s2, demand_m_s2, friction = tyres
-            slips = front_slip, rear_slip, along_m_s2
-            car = CarState(speed_m_s, 0.0, 0.0, *slips, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-            yield axle_use(self.motion.car, car, demand_m_s2, friction)
+            car = CarState(speed_m_s, 0.0, 0.0, *tyres[:3], *[0.0] * 6)
+            yield axle_use(self.motion.car, car, *tyres[3:])
 
     @property
     def command_rad(self) -> FloatArray:

@@ -175,19 +175,9 @@ def _plant_until(
 ) -> tuple[Progress, int]:
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
     (
-        z,
-        guard,
-        followed_ns,
-        sample,
-        command,
-        in_effect,
-        plan,
-        is_new,
-        played,
-        given,
-        acting,
-        hands,
-    ) = x
+        z, guard, followed_ns, sample, command, in_effect,
+        plan, is_new, played, given, acting, hands,
+    ) = x  # fmt: skip
     outcome = COMPLETE
     while outcome == COMPLETE:
         command_ns = sample_ns = to_ns + 1

@@ -214,17 +214,14 @@ def figures_of_trace(
     judged_m = known.get(rules.behind_preview_m)
     if judged_m is None:
         judged_m = _deviation_m(path, trace, rules.behind_preview_m)
-    return figures_of(
-        rules,
-        np.ascontiguousarray(trace.time_s[:samples]),
-        np.ascontiguousarray(trace.lateral_error_m[:samples]),
-        np.ascontiguousarray(trace.cg_deviation_m[:samples]),
-        np.ascontiguousarray(judged_m[:samples]),
-        np.ascontiguousarray(trace.wheel_angle_rad[:samples]),
-        sent_rad,
-        latency_figures(trace.downlink_latency_s[:samples]),
-        body,
+    errors_m = trace.lateral_error_m, trace.cg_deviation_m, judged_m
+    error_m, cg_m, judged_m, time_s, wheel_rad = (
+        np.ascontiguousarray(column[:samples])
+        for column in (*errors_m, trace.time_s, trace.wheel_angle_rad)
     )
+    moved = error_m, cg_m, judged_m, wheel_rad
+    latency = latency_figures(trace.downlink_latency_s[:samples])
+    return figures_of(rules, time_s, *moved, sent_rad, latency, body)
 
 
 def _ran(pair: Pair) -> Ran:

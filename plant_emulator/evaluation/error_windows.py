@@ -80,21 +80,11 @@ def window_figures(
             fast_rad, 0, window, period_s, WHEEL_HALF_PERIODS_MIN
         )
         wheel_amplitude_rad, wheel_before_rad = wheel_last[2], wheel_before[2]
-    return WindowFigures(
-        last[0],
-        before[0],
-        (last[0] - before[0]) / (window * period_s),
-        last[2],
-        before[2],
-        omega_rad_s,
-        irregularity,
-        largest(error_m, middle, window),
-        largest(error_m, first, window),
-        wheel_amplitude_rad,
-        wheel_before_rad,
-        wheel_omega_rad_s,
-        wheel_irregularity,
-    )
+    means_m = last[0], before[0], (last[0] - before[0]) / (window * period_s)
+    peaks_m = largest(error_m, middle, window), largest(error_m, first, window)
+    swings = last[2], before[2], omega_rad_s, irregularity
+    wheel = wheel_amplitude_rad, wheel_before_rad, wheel_omega_rad_s, wheel_irregularity
+    return WindowFigures(*means_m, *swings, *peaks_m, *wheel)
 
 
 def largest(error_m: Sequence[float], first: int, window: int) -> float:

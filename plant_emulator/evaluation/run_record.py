@@ -193,20 +193,10 @@ class RunRecord:
             figures.add(error_m, cg_m, judged_m, wheel_rad, limit)
             if len(self._samples) >= self._samples_max:
                 continue
-            sample = (
-                time_ns * 1e-9,
-                at_m,
-                error_m,
-                heading_rad,
-                yaw_rate_rad_s,
-                math.nan if command is None else command.steer_rad,
-                wheel_rad,
-                downlink_s,
-                uplink_s,
-                rho,
-                side_slip_rad,
-                cg_m,
-            )
+            steer_rad = math.nan if command is None else command.steer_rad
+            turns = heading_rad, yaw_rate_rad_s, steer_rad, wheel_rad
+            others = downlink_s, uplink_s, rho, side_slip_rad, cg_m
+            sample = (time_ns * 1e-9, at_m, error_m, *turns, *others)
             self._samples.append(new_record(PlantSample, sample))
         self._waiting.clear()
 

@@ -97,18 +97,10 @@ def _params(
         actuator.dead_band_rad,
     )
     intervals = disturbance_intervals(disturbance, params)
-    return MotionParams(
-        params.speed_m_s,
-        params.preview_distance_m,
-        servo,
-        path,
-        intervals,
-        (),
-        (),
-        vehicle.initial_lateral_error_m,
-        vehicle.initial_heading_error_rad,
-        actuator.dead_time_ns,
-    )
+    speed_m_s, preview_m = params.speed_m_s, params.preview_distance_m
+    start = vehicle.initial_lateral_error_m, vehicle.initial_heading_error_rad
+    driven = speed_m_s, preview_m, servo, path, intervals
+    return MotionParams(*driven, (), (), *start, actuator.dead_time_ns)
 
 
 def vehicle_params(settings: VehicleSettings) -> VehicleParams:

@@ -97,7 +97,6 @@ _IN_FLIGHT_MAX = 4096
 """Commands that are remembered until they take effect."""
 _WHEEL_S = 6.0
 """Of the hand wheel's newest motion, which shakes or not: half of the time between two kicks."""
-_NO_TRUTH = dict.fromkeys(messages.CarTruth._fields, math.nan)
 _FOREIGN_MAX = 20
 """Foreign identifiers that are listed."""
 IN_LANE_M = 0.86
@@ -239,15 +238,13 @@ class Sampler:
         ghost = None if self._ghost is None else self._ghost.at(now_ns)
         is_out_of_sight = error is None and self.is_lost
         score = {} if is_out_of_sight else self.score()
+        named: dict[str, Any] = {}  # what a message calls as a row does
+        for message in (error, command, status, vehicle, wheel, rack, truth):
+            named |= message._asdict() if message else {}
         values = {
-            "lateral_error_m": error and error.lateral_error_m,
+            **named,
             "cg_deviation_m": error and self._watch.cg_deviation_m,
-            "heading_error_rad": error and error.heading_error_rad,
-            "steer_rad": command and command.steer_rad,
             "steer_in_effect_rad": status and self._in_effect_rad,
-            "wheel_angle_rad": status and status.wheel_angle_rad,
-            "speed_m_s": vehicle and vehicle.speed_m_s,
-            "yaw_rate_rad_s": vehicle and vehicle.yaw_rate_rad_s,
             "curvature_1_m": vehicle and vehicle.preview_curvature_1_m,
             "downlink_s": plant and plant.downlink_latency_s,
             "uplink_s": plant and plant.uplink_latency_s,
@@ -261,12 +258,9 @@ class Sampler:
             "rms_m": score.get("rms_m"),
             "peak_m": self._score.peak_m if score else None,
             "hand_wheel_rad": wheel and wheel.hand_wheel_angle_rad,
-            "driver_torque_n_m": wheel and wheel.driver_torque_n_m,
             "feedback_torque_n_m": felt and felt.applied_torque_n_m,
-            "rack_force_n": rack and rack.rack_force_n,
-            **(truth._asdict() if truth else _NO_TRUTH),
         }
-        return tuple(math.nan if (value := values[name]) is None else value for name in NAMES)
+        return tuple(math.nan if (value := values.get(name)) is None else value for name in NAMES)
 
     @property
     def is_lost(self) -> bool:

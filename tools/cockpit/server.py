@@ -70,17 +70,10 @@ class Server:
     async def _index(self, request: web.Request) -> web.Response:
         nonce = secrets.token_urlsafe(16)
         response = web.Response(text=served_page(nonce), content_type="text/html")
-        response.headers["Content-Security-Policy"] = "; ".join(
-            (
-                "default-src 'none'",
-                f"script-src 'self' 'nonce-{nonce}'",
-                "style-src 'self'",
-                "img-src 'self' data:",
-                f"connect-src 'self' ws://{request.host}",
-                "base-uri 'none'",
-                "form-action 'none'",
-                "frame-ancestors 'none'",
-            )
+        response.headers["Content-Security-Policy"] = (
+            f"default-src 'none'; script-src 'self' 'nonce-{nonce}'; style-src 'self';"
+            f" img-src 'self' data:; connect-src 'self' ws://{request.host};"
+            " base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
         return response
 

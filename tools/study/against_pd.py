@@ -13,18 +13,10 @@ from ...closed_loop.studies.study import Study
 from ...runtime.array_types import FloatArray
 
 _HEADINGS = (
-    "Controller",
-    "runs held",
-    "it holds, reference not",
-    "reference holds, it not",
-    "RMS ratio, median",
-    "10 to 90 % of ratios",
-    "better in",
-    "RMS held, median [mm]",
-    "RMS held, largest [mm]",
-    "steer RMS [mrad]",
-    "steer rate RMS [mrad/s]",
-    "periods at a limit [%]",
+    *("Controller", "runs held", "it holds, reference not", "reference holds, it not"),
+    *("RMS ratio, median", "10 to 90 % of ratios", "better in"),
+    *("RMS held, median [mm]", "RMS held, largest [mm]"),
+    *("steer RMS [mrad]", "steer rate RMS [mrad/s]", "periods at a limit [%]"),
 )
 
 

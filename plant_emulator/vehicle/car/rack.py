@@ -148,16 +148,6 @@ def rack_step(p: RackParams, x: RackState, inputs: SteeringInput, h_s: float) ->
         after = 0.0
     rack_rad += turned_rad
     gap_rad = min(max(gap_rad + rolled_rad - turned_rad, -p.play_rad), p.play_rad)
-    return RackState(
-        rack_rad + inputs.sensor_rad,
-        after,
-        is_limited,
-        rack_rad + gap_rad,
-        (road_n_m - damping_n_m_s * after) * p.arm_1_m,
-        rack_rad,
-        gap_rad,
-        bristle_after,
-        wait_s,
-        asked_a,
-        integral,
-    )
+    seen = rack_rad + inputs.sensor_rad, after, is_limited, rack_rad + gap_rad
+    force_n = (road_n_m - damping_n_m_s * after) * p.arm_1_m
+    return RackState(*seen, force_n, rack_rad, gap_rad, bristle_after, wait_s, asked_a, integral)

@@ -25,20 +25,8 @@ CIRCLE = build_path(CircleSettings(radius_m=50.0))
 
 
 def sample(arc_length_m: float, lateral_error_m: float, command_rad: float = 0.125) -> PlantSample:
-    return PlantSample(
-        0.25,
-        arc_length_m,
-        lateral_error_m,
-        0.5,
-        -0.1,
-        command_rad,
-        0.1,
-        0.08,
-        math.nan,
-        0.02,
-        0.0,
-        0.3,
-    )
+    place_m, turns = (arc_length_m, lateral_error_m), (0.5, -0.1, command_rad, 0.1)
+    return PlantSample(0.25, *place_m, *turns, 0.08, math.nan, 0.02, 0.0, 0.3)
 
 
 def test_on_a_straight_road_left_of_the_path_is_up() -> None:

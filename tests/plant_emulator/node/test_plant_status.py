@@ -88,19 +88,12 @@ def test_a_limit_that_acts_all_the_time_costs_one_frame_more() -> None:
 @pytest.mark.parametrize(
     ("sent", "state", "after_ns"),
     [
-        (NORMAL, LIMITING, INTERVAL_NS),
-        (NORMAL, HOLDING, 1),
-        (NORMAL, SAFE_STATE, 1),
-        (LIMITING, NORMAL, PERIOD_NS),
-        (LIMITING, HOLDING, 1),
-        (HOLDING, NORMAL, INTERVAL_NS),
-        (HOLDING, LIMITING, INTERVAL_NS),
-        (HOLDING, FALLBACK, 1),
-        (HOLDING, SAFE_STATE, 1),
-        (FALLBACK, HOLDING, INTERVAL_NS),
-        (FALLBACK, NORMAL, INTERVAL_NS),
-        (FALLBACK, SAFE_STATE, 1),
-        (SAFE_STATE, SAFE_STATE, PERIOD_NS),
+        *((NORMAL, worse, 1) for worse in (HOLDING, SAFE_STATE)),
+        *((NORMAL, LIMITING, INTERVAL_NS), (LIMITING, NORMAL, PERIOD_NS), (LIMITING, HOLDING, 1)),
+        *((HOLDING, better, INTERVAL_NS) for better in (NORMAL, LIMITING)),
+        *((HOLDING, worse, 1) for worse in (FALLBACK, SAFE_STATE)),
+        *((FALLBACK, better, INTERVAL_NS) for better in (HOLDING, NORMAL)),
+        *((FALLBACK, SAFE_STATE, 1), (SAFE_STATE, SAFE_STATE, PERIOD_NS)),
     ],
 )
 def test_how_soon_a_change_is_reported(

@@ -190,12 +190,8 @@ def test_at_walking_speed_the_default_limits_let_the_wildest_commands_through(
 
 OFF = dict.fromkeys(
     (
-        "angle_rad_max",
-        "angle_rate_rad_s_max",
-        "lateral_acceleration_m_s2_max",
-        "lateral_jerk_m_s3_max",
-        "follow_tolerance_rad",
-        "ftti_ms",
+        *("angle_rad_max", "angle_rate_rad_s_max", "follow_tolerance_rad", "ftti_ms"),
+        *("lateral_acceleration_m_s2_max", "lateral_jerk_m_s3_max"),
     ),
     "off",
 )
