@@ -77,7 +77,12 @@ class Fit(NamedTuple):
     @property
     def is_coloured(self) -> bool:
         """Whether the errors are more than chance: this car is not quite the model."""
-        return not all(map(is_white, self.errors))
+        return self.is_whole and not all(map(is_white, self.errors))
+
+    @property
+    def residual_percent(self) -> float:
+        """The first yaw rate's: 100 rms(error)/std(measured)."""
+        return float(100.0 * rms(self.errors[0]) / np.std(self.grid.judged[0].values))
 
 
 class Refit(NamedTuple):

@@ -15,7 +15,7 @@ from ..pair.pair_result import rms
 from .figures import Figure, figures_of, half_of
 from .fit import Fit, Progress, Stopped, fit, is_white, quiet, refit, samples_alike
 from .parameters import FRICTION_MAX, Known, problem_of
-from .response import grid_of, residual_percent
+from .response import grid_of
 from .time_series import Drive, Quantity
 from .vehicle_file import IdentifiedVehicle, prediction_problem
 
@@ -66,11 +66,11 @@ def identify(
     problem = problem_of(drive, known)
     found, found_all = fit(problem.seeking(), grid, progress), None
     rates = _of_rates(drive)
-    if _is_coloured(found) and problem.assumed:
+    if found.is_coloured and problem.assumed:
         # A model's error would move what is assumed.
         held = fit(problem, grid, progress, found)
         found = held if held.is_whole else found
-    if _is_coloured(found) and len(rates.outputs) < len(drive.outputs):
+    if found.is_coloured and len(rates.outputs) < len(drive.outputs):
         of_rates = grid._replace(judged=grid.judged[: len(rates.outputs)])
         alone = fit(problem_of(rates, known), of_rates, progress, found)
         if alone.is_whole and _contradicts(found, alone):
@@ -78,8 +78,9 @@ def identify(
             delays_ms = [1e3 * one.values["delay_and_lag_s"] for one in (found, alone)]
             notes.append(
                 "lateral acceleration left out: with it the yaw rate's residual is"
-                f" {_residual(found):.1f} %, without {_residual(alone):.1f} %, delay and lag"
-                f" {delays_ms[0]:.0f} and {delays_ms[1]:.0f} ms: roll, or the place of its sensor"
+                f" {found.residual_percent:.1f} %, without {alone.residual_percent:.1f} %, delay"
+                f" and lag {delays_ms[0]:.0f} and {delays_ms[1]:.0f} ms: roll, or the place of its"
+                " sensor"
                 " (lateral_acceleration_ahead_m of --known)"
             )
             found_all, drive, found = found, rates, alone
@@ -99,11 +100,7 @@ def identify(
             if one.name.startswith(Quantity.LATERAL_ACCELERATION) and one.name.endswith("delay_s")
         ]
     doubts = [] if is_brief else _doubts(found, progress)
-    return Identification(drive, found, figures, _residual(found), doubts, notes)
-
-
-def _residual(found: Fit) -> float:
-    return residual_percent(found.grid.judged[0], found.errors[0])
+    return Identification(drive, found, figures, found.residual_percent, doubts, notes)
 
 
 def _contradicts(found: Fit, alone: Fit) -> bool:
@@ -115,13 +112,9 @@ def _contradicts(found: Fit, alone: Fit) -> bool:
     return bool(worse > _WORSE or abs(moved_s) > half_s or of_side > _SIDE_ALIKE_MAX)
 
 
-def _is_coloured(found: Fit) -> bool:
-    return found.is_whole and found.is_coloured
-
-
 def _others(found: Fit, progress: Progress) -> list[Fit]:
     """Return the fit with tyres of the other kind, unless the errors say that these are right."""
-    if not _is_coloured(found):
+    if not found.is_coloured:
         return []
     tyre = "fiala" if found.problem.known.tyre == "magic_formula" else "magic_formula"
     known = found.problem.known.model_copy(update={"tyre": tyre})
@@ -152,10 +145,10 @@ def _doubts(found: Fit, progress: Progress) -> list[Doubt]:
         except Stopped:
             break
         verdict = "refused" if simpler.cost - found.cost > allowed else "not refused"
-        percent = residual_percent(rate, simpler.errors[0])
-        result = f"residual {percent:.2f} % instead of {_residual(found):.2f} %"
+        percent = found.residual_percent * rms(simpler.errors[0]) / rms(errors)
+        result = f"residual {percent:.2f} % instead of {found.residual_percent:.2f} %"
         doubts.append(Doubt(f"{what}: {verdict}", result, True))
-    alike, white = max(map(samples_alike, found.errors)), not _is_coloured(found)
+    alike, white = max(map(samples_alike, found.errors)), not found.is_coloured
     what = "errors are white" if white else "errors are not white: intervals are widened for it"
     doubts.append(Doubt(what, f"{alike:.1f} in a row tell as much as one", white))
     steering = np.interp(rate.time_s, found.grid.time_s, found.grid.steering_rad)
@@ -203,7 +196,7 @@ def _refuse_late_side(found: Fit) -> None:
 
 
 def _refuse_misfit(found: Fit) -> None:
-    residual, rate, errors = _residual(found), found.grid.judged[0], found.errors[0]
+    residual, rate, errors = found.residual_percent, found.grid.judged[0], found.errors[0]
     if residual < RESIDUAL_PERCENT_MAX or is_white(errors):
         return
     side = np.abs(np.interp(rate.time_s, found.grid.time_s, found.grid.speed_m_s) * rate.values)
@@ -239,4 +232,4 @@ def predict(drive: Drive, vehicle: IdentifiedVehicle) -> tuple[float, list[str]]
             f" {'later' if shift_s > 0.0 else 'earlier'} than in the vehicle's log: corrected"
         )
         found = shifted
-    return _residual(found), notes
+    return found.residual_percent, notes

@@ -166,8 +166,3 @@ def _respond(
             accelerations[step] = a_y + ahead_m * (r - x.yaw_rate_rad_s) / h_s
             driven = speed_m_s[min(step + 1, after - 1)]
             x = CarState(driven, v, r, front, rear, a_x, a_y, force, use, 0.0, 0.0, 0.0)
-
-
-def residual_percent(channel: Channel, errors: FloatArray) -> float:
-    """Return 100 rms(error)/std(measured)."""
-    return float(100.0 * np.sqrt(np.mean(errors**2)) / np.std(channel.values))

@@ -102,15 +102,14 @@ def identify_steering(
     table = {"lag_s": float(lag_s), "dead_time_s": float(dead_mean_s)}
     if play_rad - half[2] > 0.0:
         table["dead_band_rad"] = float(play_rad)
-    notes = []
-    if unexplained > _UNEXPLAINED_MAX:
-        why = (
-            f"{100.0 * unexplained:.0f} % of the wheel's motion is not explained: a limit of jerk"
-            " or rate before the wheel acts, which is on no frame; log the guard's output"
-        )
-        notes.append(f"steering: {why}")
-        figures = [one._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=why) for one in figures]
-    return Steering(figures, table, notes)
+    if unexplained <= _UNEXPLAINED_MAX:
+        return Steering(figures, table, [])
+    why = (
+        f"{100.0 * unexplained:.0f} % of the wheel's motion is not explained: a limit of jerk"
+        " or rate before the wheel acts, which is on no frame; log the guard's output"
+    )
+    figures = [one._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=why) for one in figures]
+    return Steering(figures, table, [f"steering: {why}"])
 
 
 def _differences(errors: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ relaxation length is a lag that grows as the car slows down, which a single spee
 
 The package's ``mb`` model has 29 states: roll, pitch, four wheels with the Magic Formula, and a
 suspension with roll steer. What is true of its understeer is measured on it, in steady bends: it
-grows by 7 to 21 % up to the lateral acceleration of the sweep. The steering's lag is put before it.
+changes by 6 to 21 % up to the sweep's lateral acceleration. The steering's lag is put before it.
 Mass, yaw inertia and geometry are told.
 """
 

@@ -116,17 +116,15 @@ def _run(options: argparse.Namespace) -> int:
         return ExitStatus.INTERRUPTED
     if options.predict is not None:
         percent, notes = predict(drive, read_vehicle(options.predict))
-        for line in [
-            *(f"note: {note}" for note in notes),
-            f"residual of yaw rate: {percent:.2f} %",
-        ]:
-            show(line)
+        show(
+            "".join(f"note: {note}\n" for note in notes) + f"residual of yaw rate: {percent:.2f} %"
+        )
         return ExitStatus.OK
     known = Known() if options.known is None else load_settings(Known, file=options.known)
     progress.keep_the_best()
     found = identify(drive, known, progress.advance)
-    figures = [*found.figures, *(() if steering is None else steering.figures)]
-    notes = [*found.notes, *(() if steering is None else steering.notes)]
+    figures = [*found.figures, *(steering.figures if steering else ())]
+    notes = [*found.notes, *(steering.notes if steering else ())]
     margin = delay_margin(found.found, found.speed_m_s, options.controller, progress.advance)
     if progress.stopped_in:
         notes.append(
@@ -140,8 +138,7 @@ def _run(options: argparse.Namespace) -> int:
     lines += [f"{doubt.what}: {doubt.result}" for doubt in found.doubts]
     lines += [f"residual of yaw rate: {found.residual_percent:.2f} %", *advice]
     names = ", ".join([*texts, "report.json", "report.html"])
-    for line in [*lines, f"files in {options.out}: {names}"]:
-        show(line)
+    show("\n".join([*lines, f"files in {options.out}: {names}"]))
     return ExitStatus.INTERRUPTED if progress.stopped_in else ExitStatus.OK
 
 
