@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.closed_loop.identification.vehicle_file import IdentifiedSettings
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.controller import settings as controller
 from steer_by_wire.controller.settings import ControllerSettings
@@ -30,7 +31,10 @@ def test_plant_controller_and_design_read_the_same_vehicle() -> None:
 
 def test_a_car_in_the_file_makes_the_plant_that_car(tmp_path: Path) -> None:
     file = tmp_path / "vehicle.toml"
-    file.write_text(SHIPPED.read_text() + "[car]\nfriction = 0.7\n[identified]\n")
+    known = dict.fromkeys(IdentifiedSettings.model_fields, 0.0)
+    identified = "".join(f"{key} = {value}\n" for key, value in known.items())
+    text = f"{SHIPPED.read_text()}[car]\nfriction = 0.7\n[identified]\n{identified}"
+    file.write_text(text)
     settings = load_settings(PlantSettings, shared=plant.shared_vehicle(file))
     assert settings.car is not None
     assert settings.car.friction == 0.7
