@@ -66,12 +66,15 @@ def drawn_settings(law: str, rng: np.random.Generator) -> dict[str, Any]:
         "smith": {
             "delay_s": rng.uniform(0.0, 0.4), "washout_rad_s": washout["washout_rad_s"],
         },
-        "pid": {"integral_gain_rad_m_s": k_p * w * rng.uniform(0.03, 0.4)},
+        "pid": {
+            "integral_gain_rad_m_s": k_p * w * rng.uniform(0.03, 0.4),
+            "heading_gain_rad_rad": rng.uniform(0.0, 1.0) * w_per_gain * model["speed_m_s"],
+        },
     }  # fmt: skip
     return {
         "law": law,
         "rate_hz": rate_hz,
-        "pd": dict(zip(names, gains, strict=True)),
+        "pd": dict(zip(names[: 2 + (rng.random() < 0.7)], gains, strict=False)),  # some no filter
         "link": {"sensor_period_ms": sensor_ms},
         "nominal_model": {"kind": "vehicle", **model},
         **{name: tables[name] for name in OBSERVERS.get(law, (law,)) if name in tables},

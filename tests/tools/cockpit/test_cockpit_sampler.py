@@ -176,10 +176,8 @@ def test_a_car_far_off_is_lost_until_its_plant_starts_again() -> None:
 def test_a_car_that_left_its_lane_without_grip_is_told_so() -> None:
     sampler = Sampler(0)
     for number, (off_m, front) in enumerate(((0.1, 0.5), (0.5, 1.0), (0.9, 1.0))):
-        for message in (
-            message_with(GroundTruth, cg_deviation_m=off_m),
-            message_with(CarTruth, front_grip_used=front),
-        ):
+        truth = message_with(CarTruth, front_grip_used=front)
+        for message in (message_with(GroundTruth, cg_deviation_m=off_m), truth):
             assert not sampler.grip_text(number * NS)
             sampler.on_frame(encode(message, number), number * NS)
     said = "its tyres had used up their grip (front 50 % of the time, first at 1.00 s)"
