@@ -21,7 +21,6 @@ from ...dbc.messages import (
     ControllerSafety,
     Freshness,
     Mode,
-    MotionRequest,
     SecondSender,
     Sender,
     SteeringStatusCode,
@@ -113,18 +112,9 @@ class SafetyReport:
     ) -> None:
         self._ranges, self._received, self._modes = ranges, received, modes
         self.validity = validity_of(self._ranges, None, None, True)
-        error, status, state = received.freshness(start_ns)
-        self.facts = ControllerSafety(
-            rejected=0,
-            lost=0,
-            lateral_error_freshness=error,
-            steering_status_freshness=status,
-            vehicle_state_freshness=state,
-            fault=ControllerFault.NONE,
-            second_sender=_NO_OTHER,
-            validity=self.validity,
-            motion_request=MotionRequest.NONE,
-        )
+        state = modes.mode, modes.goes_forward, received.status.status
+        freshness, no_fault = received.freshness(start_ns), ControllerFault.NONE
+        self.facts = facts_of(0, *freshness, no_fault, _NO_OTHER, self.validity, *state)
         self._found_from: tuple[Any, ...] = ()
         """What the facts were found from, besides times."""
         self._fresh_until_ns = -1

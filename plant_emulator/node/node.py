@@ -60,7 +60,7 @@ from ...runtime.node.periodic import PeriodicTimer
 from ..evaluation.report_in_json import line_report, motion_report
 from ..evaluation.report_in_words import grip_text
 from ..evaluation.run_record import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
-from ..network.network import Network
+from ..network.network import DownlinkMessage, Network
 from ..path.corridor import corridor_of
 from ..path.path import Path
 from ..sensors.sampling import Sampling
@@ -187,11 +187,7 @@ class PlantNode:
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Check a frame; a command enters the downlink."""
         received = self._reception.receive(frame, now_ns)
-        if (
-            type(received) is SteeringCommand
-            or type(received) is SteeringPlan
-            or isinstance(received, HandWheelState | HandWheelFeedback)
-        ):
+        if isinstance(received, DownlinkMessage):
             if self.motion_start_ns == NEVER_NS and not isinstance(received, HandWheelFeedback):
                 self.motion_start_ns = now_ns
             # A plan and a command take each other's place, so they are one stream of frames.
