@@ -13,6 +13,7 @@ from ...hand_wheel.analysis.sampled_loop import (
 from ...hand_wheel.settings import HandWheelSettings
 from ...hand_wheel.wheel import GRIPS, LinearSystem, held_wheel
 from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.motion_parameters import vehicle_params
 from ...plant_emulator.vehicle.single_track_model import VehicleParams
 
@@ -21,10 +22,16 @@ UP_TO_S = 2.0
 """The longest round trip that is looked at."""
 
 
-def road_torque(vehicle: VehicleParams, torque_gradient_n_m: float, rack: Rack) -> LinearSystem:
-    """Return the system from hand wheel angle [rad] to torque against it [N m]."""
+def road_torque(
+    vehicle: VehicleParams, torque_gradient_n_m: float, rack: Rack, car: CarSettings | None = None
+) -> LinearSystem:
+    """Return the system from hand wheel angle [rad] to torque against it [N m].
+
+    ``car``  whose tyres need a way to build up their force
+    """
     known = RoadVehicle(*(getattr(vehicle, name) for name in RoadVehicle._fields))
-    return nominal_road_torque(known, torque_gradient_n_m, rack)
+    relaxation_m = (0.0, 0.0) if car is None else (car.front_relaxation_m, car.rear_relaxation_m)
+    return nominal_road_torque(known, torque_gradient_n_m, rack, relaxation_m)
 
 
 def spring_torque(road: LinearSystem, gradient_n_m: float, rack: Rack) -> LinearSystem:
@@ -37,13 +44,14 @@ def spring_torque(road: LinearSystem, gradient_n_m: float, rack: Rack) -> Linear
 def feedback_loop(plant: PlantSettings, wheel: HandWheelSettings) -> SampledFeedback | None:
     """Return the loop of a pair's hand wheel, linear and without friction; None for no bus in it.
 
-    A car is taken as its [vehicle], with the lag of its [actuator].
+    A car is taken as its [vehicle], with the lag of its [actuator] and the relaxation of its tyres.
     """
     linear, law = wheel.wheel.linear, wheel.feedback
     if law.law == "model":
         return None
     rack = Rack(steering_ratio=wheel.steering_ratio, lag_s=max(plant.actuator.lag_s, 1e-6))
-    road = road_torque(vehicle_params(plant.vehicle), law.torque_gradient_n_m, rack)
+    vehicle = vehicle_params(plant.vehicle)
+    road = road_torque(vehicle, law.torque_gradient_n_m, rack, plant.car)
     if law.law == "spring":
         road = spring_torque(road, law.torque_gradient_n_m, rack)
     damped = linear._replace(damping_n_m_s=linear.damping_n_m_s + law.damping_n_m_s)

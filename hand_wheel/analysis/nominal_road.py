@@ -3,14 +3,16 @@
 The road wheels follow the hand wheel's angle over the steering ratio by a servo; the torque at the
 hand wheel is that of the front axle's slip angle,
 
-    F  = K i (δ - β - l_f r/V)
-    β' = -(c_r + c_f)/(m V) β + ((c_r l_r - c_f l_f)/(m V²) - 1) r + c_f/(m V) δ
-    r' = (c_r l_r - c_f l_f)/J β - (c_r l_r² + c_f l_f²)/(J V) r + c_f l_f/J δ
+    F  = K i α_f                    σ_f α_f' = V (δ - β - l_f r/V - α_f)
+    β' = (c_f α_f + c_r α_r)/(m V) - r        σ_r α_r' = V (-β + l_r r/V - α_r)
+    r' = (c_f l_f α_f - c_r l_r α_r)/J
 
     K   torque_gradient_n_m  torque per angle of the hand wheel while the vehicle stands still
                              sideways [N m/rad]
     i   steering ratio       δ   angle of the road wheels [rad]
     β, r   side slip angle [rad] and yaw rate [rad/s] at the speed V
+    α, σ   slip angle that the tyres' force has [rad], and their relaxation lengths [m]; without a
+           length the force follows at once
 
 The vehicle is the linear single track, derived here once more: the plant's own is not shared with
 what is tested on it.
@@ -48,27 +50,44 @@ class RoadVehicle(NamedTuple):
     rear_axle_distance_m: float
 
 
-def road_torque(vehicle: RoadVehicle, torque_gradient_n_m: float, rack: Rack) -> LinearSystem:
+def road_torque(
+    vehicle: RoadVehicle,
+    torque_gradient_n_m: float,
+    rack: Rack,
+    relaxation_m: tuple[float, float] = (0.0, 0.0),
+) -> LinearSystem:
     """Return the system from hand wheel angle [rad] to torque against it [N m].
 
-    Its states are δ, for a servo of second order δ', β and r.
+    Its states are δ, for a servo of second order δ', β and r, and α_f and α_r with relaxation.
+
+    ``relaxation_m``  of the front and the rear tyres, both or neither
     """
     v, m, j, c_f, c_r, l_f, l_r = vehicle
-    turning = np.array(
-        [
-            [-(c_r + c_f) / (m * v), (c_r * l_r - c_f * l_f) / (m * v * v) - 1.0],
-            [(c_r * l_r - c_f * l_f) / j, -(c_r * l_r * l_r + c_f * l_f * l_f) / (j * v)],
-        ]
-    )
-    by_wheel = np.array([c_f / (m * v), c_f * l_f / j])
+    by_front = np.array([c_f / (m * v), c_f * l_f / j])
+    slip = np.array([-1.0, -l_f / v])
     servo, ratio_1 = _servo(rack), 1.0 / rack.steering_ratio
     order = len(servo.b)
-    a, b, c = np.zeros((order + 2, order + 2)), np.zeros(order + 2), np.zeros(order + 2)
+    if all(relaxation_m):
+        to_slip_1_s = v / np.array(relaxation_m)
+        motion = np.zeros((4, 4))
+        motion[0, 1] = -1.0
+        motion[:2, 2], motion[:2, 3] = by_front, (c_r / (m * v), -c_r * l_r / j)
+        motion[2:, :2] = to_slip_1_s[:, np.newaxis] * (slip, (-1.0, l_r / v))
+        motion[2, 2], motion[3, 3] = -to_slip_1_s
+        by_wheel = np.array([0.0, 0.0, to_slip_1_s[0], 0.0])
+        torque = np.array([*np.zeros(order + 2), 1.0, 0.0])
+    else:
+        motion = np.array(
+            [
+                [-(c_r + c_f) / (m * v), (c_r * l_r - c_f * l_f) / (m * v * v) - 1.0],
+                [(c_r * l_r - c_f * l_f) / j, -(c_r * l_r * l_r + c_f * l_f * l_f) / (j * v)],
+            ]
+        )
+        by_wheel, torque = by_front, np.array([*servo.c, *slip])
+    a, b = np.zeros((len(torque), len(torque))), np.zeros(len(torque))
     a[:order, :order], b[:order] = servo.a, servo.b * ratio_1
-    a[order:, order:] = turning
-    a[order:, :order] = np.outer(by_wheel, servo.c)
-    c[:order], c[order:] = servo.c, (-1.0, -l_f / v)
-    return LinearSystem(a, b, torque_gradient_n_m * rack.steering_ratio * c)
+    a[order:, order:], a[order:, :order] = motion, np.outer(by_wheel, servo.c)
+    return LinearSystem(a, b, torque_gradient_n_m * rack.steering_ratio * torque)
 
 
 def _servo(rack: Rack) -> LinearSystem:

@@ -1,14 +1,18 @@
 """Stable round trips of force feedback: closed form, crossings, eigenvalues, simulated wheels."""
 
 from math import inf
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire import SettingsError, feedback_stability
-from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire import SettingsError, feedback_stability, sweep
+from steer_by_wire.closed_loop.pair.with_hand_wheel import with_hand_wheel
+from steer_by_wire.closed_loop.scripting.feedback import Rack, feedback_loop, road_torque
+from steer_by_wire.closed_loop.scripting.simulate import settings_of
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.analysis.sampled_loop import (
     SampledFeedback,
@@ -17,7 +21,9 @@ from steer_by_wire.hand_wheel.analysis.sampled_loop import (
     tolerated_jitter_s,
     unstable_round_trips,
 )
+from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
+from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 
 UP_TO_S = 1.6
@@ -114,6 +120,35 @@ def test_a_sedan_bears_what_another_program_computed(
 ) -> None:
     found = [first_unstable_ms(loop_of(gradient, speed, grip)) for speed in (30, 80, 130)]
     assert found == pytest.approx(expected_ms, abs=1.2)
+
+
+@pytest.mark.parametrize(
+    "feedback", [{"law": "rack_force"}, {"law": "rack_force", "damping_n_m_s": 0.2}]
+)
+def test_a_car_shakes_from_the_round_trip_that_its_tyres_let_it_bear(
+    feedback: dict[str, Any],
+) -> None:
+    values = {"feedback": feedback, "cycle_ms": 1.0, "wheel.friction_n_m": 0.0}
+    values["driver.kicks"] = [{"at_s": 1.0, "lasts_s": 0.1, "torque_n_m": 1.0}]
+    plant = plant_preset("large_sedan", ["vehicle.speed_m_s=22.2", "path.kind=straight"])
+    wheel = settings_of(HandWheelSettings, "hands_off", values)
+    fitting = with_hand_wheel(plant, controller_preset("highway_pd"), wheel)
+    loop = feedback_loop(fitting.plant, fitting.hand_wheel)
+    assert loop is not None
+    first_ms = first_unstable_ms(loop)
+    # Tyres that follow at once would bear more.
+    at_once = feedback_loop(fitting.plant.model_copy(update={"car": None}), fitting.hand_wheel)
+    assert at_once is not None
+    assert first_unstable_ms(at_once) > 1.25 * first_ms
+    round_trips_s = [1e-3 * round(factor * first_ms) for factor in (0.85, 1.15)]
+    table = sweep(
+        {"plant.latency.uplink.mean_s": round_trips_s},
+        plant=fitting.plant.model_copy(update={"duration_s": 25.0}),
+        controller="highway_pd",
+        hand_wheel=fitting.hand_wheel,
+        overrides={"controller.hand_wheel.steered_by": "driver"},
+    )
+    assert table["hand_wheel_verdict"].tolist() == ["still", "shakes"]
 
 
 def test_damping_rack_cycle_and_cdob_move_the_round_trip_as_computed_elsewhere() -> None:

@@ -36,6 +36,7 @@ from steer_by_wire.hand_wheel.analysis.sampled_loop import (
 )
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
+from steer_by_wire.plant_emulator.vehicle.car.settings import CarSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import vehicle_params
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 from steer_by_wire.runtime.command_line import (
@@ -48,7 +49,7 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_file
 from steer_by_wire.runtime.program.report import show_or_write
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.tools.feedback.frontier import ROUND_TRIPS_S, Bench, Point
 from steer_by_wire.tools.feedback.frontier_runs import frontier
 
@@ -81,6 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--preset", default="large_sedan", metavar="NAME",
         help="the plant preset whose [vehicle] is taken (default: %(default)s)",
     )  # fmt: skip
+    parser.add_argument(
+        "--tyre-lag", action="store_true", help="of a car, take the relaxation of its tyres too"
+    )
     parser.add_argument(
         "--torque-gradients", type=_numbers(0.01, 1000.0, "N m/rad"), default=[3.0, 6.0, 12.0],
         metavar="N_M,...", help="torque per angle of the hand wheel (default: 3,6,12)",
@@ -136,15 +140,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     preset = read_preset(PRESETS, options.preset)
-    vehicle = vehicle_params(load_settings(PlantSettings, preset).vehicle)
+    plant = load_settings(PlantSettings, preset)
+    vehicle, car = vehicle_params(plant.vehicle), plant.car if options.tyre_lag else None
+    if options.tyre_lag and car is None:
+        raise SettingsError(f"--tyre-lag: {options.preset} is no car: its tyres do not lag")
     if options.frontier is not None:
-        return _show_frontier(options, vehicle)
+        return _show_frontier(options, vehicle, car)
     rows = [
-        feedback_row(options, vehicle, *case)
+        feedback_row(options, vehicle, car, *case)
         for case in product(options.torque_gradients, GRIPS, options.speeds_km_h)
     ]
     record = [row._asdict() | {"unstable": [r._asdict() for r in row.unstable]} for row in rows]
-    title = f"first unstable round trip [ms], {options.preset}, cycle {options.cycle_ms:g} ms"
+    what = f"{options.preset}{', tyres that lag' if options.tyre_lag else ''}"
+    title = f"first unstable round trip [ms], {what}, cycle {options.cycle_ms:g} ms"
     tables = [_table(rows, options.speeds_km_h, title)]
     for place, at_ms in enumerate(options.jitter_at):
         title = f"tolerated jitter [ms] above a round trip of {at_ms:g} ms"
@@ -156,7 +164,7 @@ def _run(options: argparse.Namespace) -> int:
 
         gradients = [1.0 * 1.2**step for step in range(18)]
         drawn = [
-            feedback_row(options, vehicle, *case)
+            feedback_row(options, vehicle, car, *case)
             for case in product(gradients, GRIPS, options.speeds_km_h)
         ]
         points = [(r.speed_km_h, r.grip, r.torque_gradient_n_m, r.first_s) for r in drawn]
@@ -164,7 +172,9 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.OK
 
 
-def _show_frontier(options: argparse.Namespace, vehicle: VehicleParams) -> int:
+def _show_frontier(
+    options: argparse.Namespace, vehicle: VehicleParams, car: CarSettings | None
+) -> int:
     from steer_by_wire.tools.feedback.picture import draw_frontier  # loads matplotlib
 
     gradient_n_m, km_h = (
@@ -177,6 +187,7 @@ def _show_frontier(options: argparse.Namespace, vehicle: VehicleParams) -> int:
         _wheel(options),
         options.cycle_ms / 1e3,
         options.torque_noise,
+        car,
     )
     points = frontier(bench)
     title = f"{options.preset}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
@@ -214,11 +225,17 @@ def _late(point: Point) -> str:
 
 
 def feedback_row(
-    options: argparse.Namespace, vehicle: VehicleParams, gradient_n_m: float, grip: str, km_h: float
+    options: argparse.Namespace,
+    vehicle: VehicleParams,
+    car: CarSettings | None,
+    gradient_n_m: float,
+    grip: str,
+    km_h: float,
 ) -> Row:
     """Return the unstable round trips of one loop."""
     cycle_s, damping_n_m_s = options.cycle_ms / 1e3, options.damping
-    road = road_torque(vehicle._replace(speed_m_s=km_h / 3.6), gradient_n_m, _rack(options))
+    moving = vehicle._replace(speed_m_s=km_h / 3.6)
+    road = road_torque(moving, gradient_n_m, _rack(options), car)
     wheel = held_wheel(_wheel(options), GRIPS[grip])
     law = PASS_THROUGH
     if options.cdob is not None:

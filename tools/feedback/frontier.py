@@ -37,6 +37,7 @@ from steer_by_wire.hand_wheel.analysis.sampled_loop import (
     unstable_round_trips,
 )
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
+from steer_by_wire.plant_emulator.vehicle.car.settings import CarSettings
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 
 ROUND_TRIPS_S = (0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
@@ -59,7 +60,10 @@ _NOISE_FREQUENCIES = 300
 
 
 class Bench(NamedTuple):
-    """What every law is tried on; ``noise_n_m`` is the torque noise that it may make, RMS."""
+    """What every law is tried on; ``noise_n_m`` is the torque noise that it may make, RMS.
+
+    ``car``  whose tyres lag; None: they do not
+    """
 
     vehicle: VehicleParams
     gradient_n_m: float
@@ -67,6 +71,7 @@ class Bench(NamedTuple):
     wheel: HandWheel
     cycle_s: float
     noise_n_m: float
+    car: CarSettings | None = None
 
     def road(self, factor: float = 1.0, grip: float = 1.0) -> LinearSystem:
         """Return the road's torque at a multiple of the gradient, and with less grip."""
@@ -75,7 +80,7 @@ class Bench(NamedTuple):
             front_cornering_stiffness_n_rad=grip * vehicle.front_cornering_stiffness_n_rad,
             rear_cornering_stiffness_n_rad=grip * vehicle.rear_cornering_stiffness_n_rad,
         )
-        return road_torque(vehicle, factor * grip * self.gradient_n_m, self.rack)
+        return road_torque(vehicle, factor * grip * self.gradient_n_m, self.rack, self.car)
 
     def spring(self, grip: float = 1.0) -> LinearSystem:
         """Return the torque of a spring that the road wheels stretch; all of it is nominal."""
