@@ -80,8 +80,7 @@ def identify(
                 "lateral acceleration left out: with it the yaw rate's residual is"
                 f" {found.residual_percent:.1f} %, without {alone.residual_percent:.1f} %, delay"
                 f" and lag {delays_ms[0]:.0f} and {delays_ms[1]:.0f} ms: roll, or the place of its"
-                " sensor"
-                " (lateral_acceleration_ahead_m of --known)"
+                " sensor (lateral_acceleration_ahead_m of --known)"
             )
             found_all, drive, found = found, rates, alone
     if found.is_whole:

@@ -26,7 +26,7 @@ from steer_by_wire.closed_loop.identification.columns import (
     read_columns,
 )
 from steer_by_wire.closed_loop.identification.delay_margin import DelayMargin, delay_margin
-from steer_by_wire.closed_loop.identification.figures import Figure, Verdict
+from steer_by_wire.closed_loop.identification.figures import Verdict
 from steer_by_wire.closed_loop.identification.fit import Stopped
 from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
 from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
@@ -123,18 +123,18 @@ def _run(options: argparse.Namespace) -> int:
     known = Known() if options.known is None else load_settings(Known, file=options.known)
     progress.keep_the_best()
     found = identify(drive, known, progress.advance)
-    figures = [*found.figures, *(steering.figures if steering else ())]
-    notes = [*found.notes, *(steering.notes if steering else ())]
     margin = delay_margin(found.found, found.speed_m_s, options.controller, progress.advance)
-    if progress.stopped_in:
-        notes.append(
-            f"interrupted in {progress.stopped_in}: the best so far; intervals may be wrong"
-        )
-    advice = _advice(margin, found, figures)
     texts = _tables(found, source, bus, steering)
-    _write(options.out, texts, found, figures, advice)
-    lines = [f"note: {note}" for note in notes]
-    lines += [figure_line(figure) for figure in figures]
+    if steering is not None:
+        figures, notes = [*found.figures, *steering.figures], [*found.notes, *steering.notes]
+        found = found._replace(figures=figures, notes=notes)
+    if progress.stopped_in:
+        stopped = f"interrupted in {progress.stopped_in}: the best so far; intervals may be wrong"
+        found = found._replace(notes=[*found.notes, stopped])
+    advice = _advice(margin, found)
+    _write(options.out, texts, found, advice)
+    lines = [f"note: {note}" for note in found.notes]
+    lines += [figure_line(figure) for figure in found.figures]
     lines += [f"{doubt.what}: {doubt.result}" for doubt in found.doubts]
     lines += [f"residual of yaw rate: {found.residual_percent:.2f} %", *advice]
     names = ", ".join([*texts, "report.json", "report.html"])
@@ -166,13 +166,11 @@ def _steering(bus: BusLog) -> Steering | None:
     return identify_steering(wheels[0].time_s, wheels[0].values, bus.command_rad)
 
 
-def _advice(
-    margin: DelayMargin | None, found: Identification, figures: Sequence[Figure]
-) -> list[str]:  # fmt: skip
+def _advice(margin: DelayMargin | None, found: Identification) -> list[str]:
     """Return what is said of delays, and what to measure next."""
     if margin is None:
         return []
-    by_name = {one.name: one for one in figures}
+    by_name = {one.name: one for one in found.figures}
     own = by_name.get("actuator:delay_and_lag_s", by_name["delay_and_lag_s"])
     lines = [
         f"{margin.controller} at {3.6 * found.speed_m_s:.0f} km/h survives constant delays up to"
@@ -183,7 +181,7 @@ def _advice(
     if margin.share > 0.5:
         how = _MEASURED.get(margin.narrows, "drive more of it")
         lines.append(f"most of that interval comes from {margin.narrows}: {how}")
-    wanted = {one.note for one in figures if one.verdict is Verdict.NOT_IDENTIFIABLE}
+    wanted = {one.note for one in found.figures if one.verdict is Verdict.NOT_IDENTIFIABLE}
     return lines + [f"next: {note}" for note in sorted(wanted) if note.startswith("drive")]
 
 
@@ -246,12 +244,8 @@ def _tables(
 
 
 def _write(
-    out: Path,
-    texts: Mapping[str, str],
-    found: Identification,
-    figures: Sequence[Figure],
-    advice: Sequence[str],
-) -> None:
+    out: Path, texts: Mapping[str, str], found: Identification, advice: Sequence[str]
+) -> None:  # fmt: skip
     from steer_by_wire.tools.identify.report import report_html  # loads matplotlib
 
     record = {
@@ -263,7 +257,7 @@ def _write(
                 "verdict": str(one.verdict),
                 "note": one.note,
             }
-            for one in figures
+            for one in found.figures
         },
         "residual_percent": found.residual_percent,
         "tests": [doubt._asdict() for doubt in found.doubts],
@@ -274,7 +268,7 @@ def _write(
     for name, text in texts.items():
         write_text(out / name, text)
     write_json(out / "report.json", record)
-    write_text(out / "report.html", report_html(found, advice, figures))
+    write_text(out / "report.html", report_html(found, advice))
 
 
 if __name__ == "__main__":

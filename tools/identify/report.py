@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from scipy.signal import coherence, csd
 
-from steer_by_wire.closed_loop.identification.figures import Figure, Verdict
+from steer_by_wire.closed_loop.identification.figures import Verdict
 from steer_by_wire.closed_loop.identification.identified import Identification
 from steer_by_wire.closed_loop.identification.response import Response, respond, seen
 from steer_by_wire.closed_loop.identification.time_series import Drive, Quantity
@@ -21,13 +21,13 @@ _UNIT_OF_NAME = re.compile("_(rad_s|deg_s|m_s2|g)$")
 _WINDOW_S, _HZ_MAX, _COHERENT = 8.0, 4.0, 0.8
 
 
-def report_html(found: Identification, lines: Sequence[str], figures: Sequence[Figure]) -> str:
+def report_html(found: Identification, lines: Sequence[str]) -> str:
     """Return the page; ``lines`` are what is said of delays and of what to measure next."""
     tests = [[Cell(doubt.what), Cell(doubt.result)] for doubt in found.doubts]
     rows = [
         [Cell(one.name), *map(number, shown(one)), Cell(one.unit),
          Cell(str(one.verdict), _MARKS[one.verdict]), Cell(one.note)]
-        for one in figures
+        for one in found.figures
     ]  # fmt: skip
     headings = ["", "value", "95 %", "unit", "verdict", ""]
     response = respond(found.found.grid, found.found.values, found.found.problem.known)
@@ -36,7 +36,7 @@ def report_html(found: Identification, lines: Sequence[str], figures: Sequence[F
         "A sweep at 60 km/h from 0.2 to 3 Hz in 26 s with 4 m/s² to either side, steps at 80 km/h,"
         " and a slalom that grows up to the limit of grip: on an empty ground."
     )
-    asks_for_slow = any("25 km/h" in one.note for one in figures)
+    asks_for_slow = any("25 km/h" in one.note for one in found.figures)
     if asks_for_slow:
         plan += " Then the sweep at 25 km/h, with 2 m/s²: it tells relaxation from delay."
     sections = [
