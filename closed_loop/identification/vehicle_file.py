@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+from pydantic import Field
+
 from ...controller.filters.nominal_model import NominalVehicle
 from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...plant_emulator.vehicle.car.settings import CarSettings
@@ -34,7 +36,7 @@ class IdentifiedSettings(Settings):
     steering_offset_rad: float
     """Of the hand wheel, or of the wheel where its angle was measured."""
     delay_and_lag_s: float
-    lag_squared_s2: float
+    lag_squared_s2: float = Field(ge=0.0)
     yaw_rate_offset_rad_s: float
     lateral_acceleration_ahead_m: float = 0.0
 

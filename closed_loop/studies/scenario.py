@@ -26,7 +26,7 @@ from ...runtime.settings.mistakes import KeyPath, explain, schema_of
 from ..pair.agreed_period import pair_warnings, with_period_of
 from ..pair.with_hand_wheel import with_hand_wheel
 from .base_settings import Tables
-from .factors import Label
+from .factors import Factor, Label
 from .study import BASE_WHEEL, WHEEL, Study
 from .study_file import REPLICATES_MAX
 
@@ -224,22 +224,22 @@ class Scenarios:
     def _check_keys(self) -> None:
         for factor in self.study.design.factors:
             for key in factor.keys:
-                is_of_wheel = f"{key}.".startswith(f"{WHEEL}.")
-                if not (is_of_wheel or key.startswith(("plant.", "controller.", "bus."))):
-                    raise SettingsError(
-                        f"{self.study.file}: factor {factor.name}: key {key} starts with none of "
-                        "plant., controller., hand_wheel. and bus."
-                    )
-                if is_of_wheel and not self.study.hand_wheels:
-                    raise SettingsError(
-                        f"{self.study.file}: factor {factor.name}: {key} needs a hand wheel: add "
-                        'base.hand_wheel_preset = "still", or hand_wheel="still" to a sweep'
-                    )
-                if key == "plant.seed":
-                    raise SettingsError(
-                        f"{self.study.file}: factor {factor.name}: plant.seed follows from "
-                        "sampling.seed; ask for sampling.replicates"
-                    )
+                mistake = self._mistake_of_key(key, factor)
+                if mistake:
+                    raise SettingsError(f"{self.study.file}: factor {factor.name}: {mistake}")
+
+    def _mistake_of_key(self, key: str, factor: Factor) -> str:
+        is_of_wheel = f"{key}.".startswith(f"{WHEEL}.")
+        if not (is_of_wheel or key.startswith(("plant.", "controller.", "bus."))):
+            return f"key {key} starts with none of plant., controller., hand_wheel. and bus."
+        if is_of_wheel and not self.study.hand_wheels:
+            add = 'base.hand_wheel_preset = "still", or hand_wheel="still" to a sweep'
+            return f"{key} needs a hand wheel: add {add}"
+        if key == WHEEL and factor.levels is None:
+            return f"{key} takes presets and files: give values"
+        if key == "plant.seed":
+            return "plant.seed follows from sampling.seed; ask for sampling.replicates"
+        return ""
 
     def _check_fractions(self) -> None:
         for factor in self.study.design.factors:

@@ -9,7 +9,7 @@ other laws.
 
 Where the specification gives a margin of lag, the lag that the law believes in is searched too, and
 the loop has to meet its limits with the vehicle's own lag and with the believed one, which is the
-one that ``check`` assumes. Where it gives a noise of the yaw rate, the law reads that sensor.
+one that ``check`` assumes.
 """
 
 import math
@@ -96,13 +96,12 @@ class Task(NamedTuple):
     @property
     def steering_s(self) -> tuple[float, float]:
         """The dead time of the steering, in whole periods, and what is left of it with the lag."""
-        spec = self.spec
-        if spec.road is None:
+        if self.spec.road is None:
             return 0.0, 0.0
         steering = self.plants(LatencySettings(), 0.0, 1)[0].actuator
-        period_s = spec.period_ns / NS_PER_S
-        dead_s = period_s * (steering.dead_time_s // period_s)
-        return round(dead_s, 9), steering.lag_s + steering.dead_time_s - dead_s
+        rest_ns = steering.dead_time_ns % self.spec.period_ns
+        dead_s = (steering.dead_time_ns - rest_ns) / NS_PER_S
+        return dead_s, steering.lag_s + rest_ns / NS_PER_S
 
     @property
     def loop_models(self) -> list[LoopModel]:
@@ -309,16 +308,14 @@ def _ranges(task: Task) -> tuple[dict[str, tuple[float, float]], Values]:
     """Return between which values each parameter is searched, and where the search starts."""
     table = task.table
     start, factor = dict(START), _RANGE
-    if table.yaw_rate_noise_rad_s is not None:
+    if table.reads_yaw_rate:
         start, factor = dict(START_WITH_YAW_RATE), _RANGE_WITH_YAW_RATE
     ranges = {key: (value / factor, value * factor) for key, value in start.items()}
     if table.lag_margin_ms is not None:
         _, own_s = task.steering_s
         low_s, high_s = (own_s + 1e-3 * margin_ms for margin_ms in table.lag_margin_ms)
-        ranges["actuator_lag_s"], start["actuator_lag_s"] = (
-            (low_s, high_s),
-            math.sqrt(low_s * high_s),
-        )
+        ranges["actuator_lag_s"] = low_s, high_s
+        start["actuator_lag_s"] = math.sqrt(low_s * high_s)
     return ranges, start
 
 

@@ -169,10 +169,11 @@ def run_design(options: argparse.Namespace) -> int:
     course = course_line(spec, vehicle)
     pictures = options.pictures or options.out
     rig = _write_settings(spec, vehicle, options.out, pictures)
-    print(
-        f"{len(vehicle.box.vertices())} corners x {len(spec.delays_ns)} delays from 0 to"
-        f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst rms"
-    )
+    if linear_laws(spec) or spec.road is None:
+        print(
+            f"{len(vehicle.box.vertices())} corners x {len(spec.delays_ns)} delays from 0 to"
+            f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst rms"
+        )
     print(course)
     laws = [*linear_laws(spec), *(law for law in (PREDICTOR, PACKET) if law in spec.laws)]
     sources = (options.vehicle.name, options.spec.name)

@@ -22,6 +22,7 @@ from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand
 from .law_design import NUMBER_UNITS, Design, failure
 from .predictor_design import PredictorDesign
+from .road import roads_in_words
 from .specification import ConditionsTable, Specification
 from .vehicle_file import VehicleFile
 
@@ -63,6 +64,9 @@ def preset_text(
         delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
         law, judged = design.law, f"{len(vehicle.box.vertices())} corners"
         ended, figures, settings = design.found.ended, _figures(spec, design), design.preset
+    over = [f"{field} {low:.6g} to {high:.6g}" for field, low, high in vehicle.box.ranges]
+    if isinstance(design, PredictorDesign) and spec.road is not None:
+        judged, *over = roads_in_words(spec.road)
     head = [
         f"{_TITLES[law]} for {spec.rate_hz:g} Hz and any {delays}",
         f"Written by tools.design from {sources[0]} and {sources[1]}; do not edit.",
@@ -70,7 +74,7 @@ def preset_text(
         "",
         f"Errors of the car; worst of {judged} and, where none is given, of all delays:",
     ]
-    head += [f"  {field} {low:.6g} to {high:.6g}" for field, low, high in vehicle.box.ranges]
+    head += [f"  {each}" for each in over]
     head += [f"  {path_in_words(path)}, {spec.course.duration_s:g} s" for path in spec.course.paths]
     return _commented(head, figures, settings)
 

@@ -11,7 +11,7 @@ from ...controller.filters.nominal_model import NominalVehicle
 from ...plant_emulator.network.settings import BothLatencySettings, LatencySettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.car.settings import CarSettings
-from ...plant_emulator.vehicle.settings import VehicleSettings
+from ...plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
 from .specification import RoadTable
 from .vehicle_file import VehicleFile
 
@@ -28,6 +28,12 @@ def roads_of(study: str) -> Sequence[PlantSettings]:
     scenarios = Scenarios(load_study(Path(study if study.endswith(".toml") else str(shipped))))
     plants = [scenarios.plant(scenarios.case(index)) for index in range(scenarios.study.cases)]
     return [plant for plant in plants if plant.latency == plants[0].latency]
+
+
+def roads_in_words(road: RoadTable) -> tuple[str, str]:
+    """Return which roads are driven, and by which cars."""
+    cars = f"the car as known, and {100.0 * road.off_share:g} % heavier and softer"
+    return f"{len(roads_of(road.study))} roads of the study {road.study}", cars
 
 
 def on_road(road: RoadTable, vehicle: VehicleFile) -> VehicleFile:
@@ -60,14 +66,14 @@ def road_plants(
     plants = []
     for nominal in cars_on(road, vehicle):
         for plant in roads_of(road.study):
-            steering = plant.actuator.model_copy(update=vehicle.steering)
-            lagging = {"lag_s": steering.lag_s + more_lag_s}
+            steering = plant.actuator.model_dump() | vehicle.steering
+            steering["lag_s"] += more_lag_s
             car = vehicle.car or plant.car or CarSettings()
             own = nominal._replace(speed_m_s=plant.vehicle.speed_m_s)
             changed = {
                 "vehicle": VehicleSettings(**own._asdict()),
                 "car": car.model_copy(update={"friction": (plant.car or car).friction}),
-                "actuator": steering.model_copy(update=lagging),
+                "actuator": ActuatorSettings(**steering),
                 "latency": BothLatencySettings(downlink=latency),
                 "duration_s": duration_s,
                 "seed": seed,

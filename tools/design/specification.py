@@ -154,7 +154,7 @@ class PredictorTable(Settings):
     ``lag_margin_ms``           by how much more lag the law believes in than the steering has, for
                                 play, tyres and the safe side; searched between the two; none:
                                 it believes in no lag
-    ``yaw_rate_noise_rad_s``    of the sensor; none: the law does not read it
+    ``reads_yaw_rate``          whether the law does; the noise that it assumes of it is searched
     ``conditions``              judged with the seeds 1 to ``seeds``
     ``values_per_range``        2: the corners of the box; more: also between them
     ``measures_lag``, ``measures_mass``, ``lateral_acceleration_m_s2_max``  become the preset's
@@ -169,7 +169,7 @@ class PredictorTable(Settings):
 
     road: RoadTable | None = None
     lag_margin_ms: tuple[DelayMs, DelayMs] | None = None
-    yaw_rate_noise_rad_s: Annotated[float, Field(ge=1e-6, le=10.0)] | None = None
+    reads_yaw_rate: bool = False
     conditions: tuple[ConditionsTable, ...] = ()
     seeds: Annotated[int, Field(ge=1, le=100)] = 2
     values_per_range: Annotated[int, Field(ge=2, le=9)] = 2
@@ -190,6 +190,13 @@ class PredictorTable(Settings):
     def delays_ns(self) -> tuple[int, ...]:
         """The delays that are judged [ns]."""
         return _up_to_ns(self.delay_step_ms, self.delay_ms_max)
+
+    @model_validator(mode="after")
+    def _refuse_margins_that_do_not_rise(self) -> Self:
+        low_ms, high_ms = self.lag_margin_ms or (1.0, 2.0)
+        if not 0.0 < low_ms < high_ms:
+            raise ValueError("lag_margin_ms must be two rising values above 0")
+        return self
 
 
 class RmsTable(Settings):

@@ -24,7 +24,7 @@ from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
-from .road import road_plants, roads_of
+from .road import road_plants, roads_in_words
 from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile
 
@@ -118,7 +118,7 @@ def refuse_what_the_plant_does_not_drive(spec: Specification, vehicle: VehicleFi
 def course_line(spec: Specification, vehicle: VehicleFile) -> str:
     """Return what the bends ask of the tyres; raises SettingsError where that is too much."""
     if spec.road is not None:
-        return f"{len(roads_of(spec.road.study))} roads of the study {spec.road.study}"
+        return ", ".join(roads_in_words(spec.road))
     speed_m_s = max(corner.speed_m_s for corner in vehicle.box.vertices())
     course, paths = spec.course, (build_path(path) for path in spec.course.paths)
     asked_m_s2 = max(lateral_acceleration_m_s2(path, speed_m_s) for path in paths)

@@ -263,6 +263,11 @@ BAD: dict[str, tuple[str, str]] = {
         '[[factors]]\nname = "x"\nkey = "plant.seed"\nvalues = [5]\n',
         r"plant\.seed follows from sampling\.seed; ask for sampling\.replicates",
     ),
+    "a range of hand wheels": (
+        '[sampling]\nkind = "sobol"\ncount = 2\n[base.hand_wheel]\ncycle_ms = 5.0\n'
+        '[[factors]]\nkey = "hand_wheel"\nstart = 0.0\nstop = 1.0\n',
+        r"factor hand_wheel: hand_wheel takes presets and files: give values",
+    ),
     "no count": ('[sampling]\nkind = "sobol"\n', r"sampling: sobol needs count"),
     "a count for a grid": ("[sampling]\ncount = 5\n", r"sampling: count does not apply to a grid"),
     "an unknown table": (

@@ -17,6 +17,7 @@ from steer_by_wire.tools.design.predictor_design import LinearFigures, Task, lin
 from steer_by_wire.tools.design.road import on_road, road_plants
 from steer_by_wire.tools.design.specification import RoadTable, Specification
 from steer_by_wire.tools.design.vehicle_file import load_vehicle
+from steer_by_wire.tools.design.virtual_check import refuse_what_the_plant_does_not_drive
 from tests.support.loops.shipped_design import SHIPPED
 from tests.support.suite.same_process import same_process as same_process
 
@@ -54,11 +55,37 @@ def test_the_car_of_the_file_drives_on_the_roads_of_the_study(tmp_path: Path) ->
 
 def test_a_folder_s_actuator_counts_before_the_lag_of_its_vehicle(tmp_path: Path) -> None:
     (tmp_path / "vehicle.toml").write_text(SEDAN.read_text() + IDENTIFIED)
-    (tmp_path / "actuator.toml").write_text("[actuator]\nlag_s = 0.11\n")
-    assert load_vehicle(tmp_path).steering == {"lag_s": 0.11}
+    (tmp_path / "actuator.toml").write_text("[actuator]\nlag_s = 0.11\ndead_time_s = 0.03\n")
+    vehicle = load_vehicle(tmp_path)
+    assert vehicle.steering == {"lag_s": 0.11, "dead_time_s": 0.03}
+    with ThreadPoolExecutor(1) as pool:
+        spec = load_settings(Specification, None, SHIPPED / "road.toml")
+        assert Task(pool, spec, vehicle).steering_s == (0.03, 0.11)
     (tmp_path / "vehicle.toml").unlink()
     with pytest.raises(SettingsError, match=r"vehicle\.toml"):
         load_vehicle(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("figure", "mistake"),
+    [
+        ("lag_squared_s2 = -0.001", "lag_squared_s2"),
+        ("delay_and_lag_s = 3", "drive a corner: dead"),
+    ],
+)
+def test_an_identified_steering_that_no_car_has_is_refused(
+    tmp_path: Path, figure: str, mistake: str
+) -> None:
+    key = figure.partition(" ")[0]
+    text = "\n".join(figure if key in line else line for line in IDENTIFIED.splitlines())
+    (tmp_path / "car.toml").write_text(SEDAN.read_text() + text)
+    spec = load_settings(Specification, None, SHIPPED / "road.toml")
+    with pytest.raises(SettingsError, match=mistake):
+        refuse_what_the_plant_does_not_drive(spec, load_vehicle(tmp_path / "car.toml"))
+    with pytest.raises(SettingsError, match="two rising values above 0"):
+        load_settings(
+            Specification, None, SHIPPED / "road.toml", ["predictor.lag_margin_ms=[0, 9]"]
+        )
 
 
 @pytest.mark.usefixtures("same_process")
