@@ -141,10 +141,6 @@ def test_cantools_packs_the_same_bytes_and_unpacks_the_same_values(
     assert definition.encode(header | values) == frame.data
 
 
-def with_value(message: Message, name: str, value: Any) -> Message:
-    return message._replace(**{name: value})
-
-
 def name_and_value_that_do_not_fit() -> Iterator[tuple[Message, str, object]]:
     """For every field: a message that fits, and values for that field that do not."""
     for message in map(message_with, MESSAGE_TYPES.values()):
@@ -170,7 +166,7 @@ def test_encode_refuses_what_a_signal_cannot_carry_and_names_it() -> None:
     for message, name, value in name_and_value_that_do_not_fit():
         signal = signals_of(message)[name]
         with pytest.raises(EncodeError) as caught:
-            encode(with_value(message, name, value), 0)
+            encode(message._replace(**{name: value}), 0)
         text = str(caught.value)
         assert text.startswith(f"{NAMES[type(message)]}.{signal.name}: allowed is "), text
         assert text.endswith(f", not {value!r}"), text

@@ -3,6 +3,7 @@
 import _ctypes
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -174,7 +175,7 @@ def test_a_program_that_fails_is_one_line_and_the_verdict(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words, pattern = FAILURES[name]
-    assert main(["--duration", "1", "--controller-command", " ".join(map(_quoted, words))]) == 5
+    assert main(["--duration", "1", "--controller-command", shlex.join(words)]) == 5
     out = capsys.readouterr().out
     assert "without a command" not in out  # a program that waits is another thing
     last = out.splitlines()[-1]
@@ -191,10 +192,6 @@ def test_one_that_sends_nothing_ends_with_a_line(
     assert main(["--controller-command", f"{sys.executable} {program}"]) == 5
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.endswith("failed: controller: it sent no valid command in 2 s")
-
-
-def _quoted(word: str) -> str:
-    return "'" + word.replace("'", "'\\''") + "'"
 
 
 def test_one_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,10 +38,6 @@ def run_deaf(
     return plant, controller
 
 
-def is_echo(frame: Frame, _now_ns: int = 0) -> bool:
-    return frame.can_id == CAN_IDS[SteeringStatus]
-
-
 # The law, in virtual time
 
 
@@ -87,9 +83,11 @@ def test_without_echoes_the_law_is_pd_ddob_and_neither_change_is_a_jump() -> Non
     """No echo reaches the controller from 6 s to 9 s, in the midst of a curve."""
     settings = controller()
     network = ("duration_s=14", "latency.downlink.mean_s=0.15", "latency.uplink.mean_s=0.02")
-    _, deaf = run_deaf(
-        plant(*network), settings, lambda frame, now_ns: is_echo(frame) and 6e9 < now_ns < 9e9
-    )
+
+    def is_echo(frame: Frame, now_ns: int) -> bool:
+        return frame.can_id == CAN_IDS[SteeringStatus] and 6e9 < now_ns < 9e9
+
+    _, deaf = run_deaf(plant(*network), settings, is_echo)
     _, hears = run_deaf(plant(*network), settings)
     predicts = np.array([s.law_output.network_disturbance_rad == 0.0 for s in deaf.samples])
     times_s = np.array([s.time_ns for s in deaf.samples]) * 1e-9

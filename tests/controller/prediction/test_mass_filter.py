@@ -17,7 +17,6 @@ from steer_by_wire.controller.prediction.mass_filter import (
     mass_as_set,
     mass_to,
 )
-from steer_by_wire.controller.prediction.vehicle_kalman_filter import VehicleGains
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 
@@ -50,10 +49,6 @@ def params() -> PredictorParams:
     return designed
 
 
-def light_and_heavy() -> tuple[VehicleGains, VehicleGains]:
-    return params().measured.light, params().measured.heavy
-
-
 @cache
 def driven(mass_kg: float, *overrides: str) -> CompiledRun:
     return run_compiled(plant(mass_kg, *overrides), law(measures_mass=True))
@@ -68,13 +63,12 @@ def measured(run: CompiledRun, noise_rad_s: float = 0.0) -> list[MassState]:
         run.wheel_angle_rad.tolist(),
     )
     yaw_rad_s = run.yaw_rate_rad_s + noise_rad_s * np.random.default_rng(7).normal(size=count)
-    states, x = [], mass_as_set(params().measured.mass_ends)
+    p, states = params().measured, []
+    x = mass_as_set(p.mass_ends)
     for sample in range(count):
         loop_delay = NO_LOOP_DELAY._replace(error_sample=sample, echo_sample=sample)
         newest_rad_s = float(yaw_rad_s[sample - sample % 2])
-        x = mass_to(
-            *light_and_heavy(), params().measured.mass_ends, x, loop_delay, history, newest_rad_s
-        )
+        x = mass_to(p.light, p.heavy, p.mass_ends, x, loop_delay, history, newest_rad_s)
         states.append(x)
     return states
 

@@ -53,13 +53,10 @@ def test_every_preset_is_documented(package: str) -> None:
 # What documents name
 
 
-def without_blocks(text: str) -> str:
-    return re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
-
-
 def anchors(text: str) -> set[str]:
     """Return the anchors that GitHub makes of a page's headings."""
-    titles = re.findall(r"^#+ (.+)$", without_blocks(text), re.MULTILINE)
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    titles = re.findall(r"^#+ (.+)$", prose, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 

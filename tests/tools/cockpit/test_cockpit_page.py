@@ -1,7 +1,7 @@
 """The cockpit's page in a headless Chromium: a live loop, a foreign bus, a replay from a disk."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import can
@@ -112,11 +112,6 @@ def replay(log: Path) -> Iterator[str]:
         yield address
 
 
-def shown_figures(browser: Browser) -> Sequence[str]:
-    text: str = browser.read("document.querySelector('#figures tbody').innerText")
-    return re.findall(r"\d+\.\d+", text)
-
-
 def test_a_replay_shows_the_figures_of_the_analysis(
     browser: Browser, log: Path, replay: str
 ) -> None:
@@ -125,7 +120,8 @@ def test_a_replay_shows_the_figures_of_the_analysis(
     car = analyse_files([log]).figures["signals"]["cg_deviation_m"]
     wanted_mm = [1e3 * car["rms"], 1e3 * abs(car["peak"])]
     browser.wait_for("document.querySelector('#timeline span').textContent.startsWith('12.0')")
-    shown_mm = [float(figure) for figure in shown_figures(browser)[:2]]
+    text: str = browser.read("document.querySelector('#figures tbody').innerText")
+    shown_mm = [float(figure) for figure in re.findall(r"\d+\.\d+", text)[:2]]
     assert shown_mm == pytest.approx(wanted_mm, abs=0.00501)  # half of the last digit shown
     in_order(browser, replay)
 

@@ -55,11 +55,6 @@ def test_the_pd_dob_row_comes_out_within_six_percent_with_a_cutoff_of_its_own_al
     assert row_m == pytest.approx(PD_DOB_ROW_M, rel=0.06)
 
 
-def lap_s() -> float:
-    a, b = 78.2, 41.74
-    return 4.0 * a * float(ellipe(1.0 - (b / a) ** 2)) / (5.0 / 3.6)
-
-
 def mean_before(run: History, time_s: float) -> float:
     window = (run.time_s > time_s - 5.0) & (run.time_s <= time_s)
     return float(np.mean(run.lateral_error_m[window]))
@@ -103,7 +98,8 @@ def test_cdob_as_published_hardly_steers_so_that_curvature_acts_twice_integrated
 
 def test_ddob_as_published_drifts_and_with_washout_and_type_2_q_does_not() -> None:
     """Drift: (13) towards rest, G_n/G (1 - Q) = G_n/G 2s/ω_D, of (5), with the mean curvature."""
-    lap = lap_s()
+    a, b = 78.2, 41.74
+    lap = 4.0 * a * float(ellipe(1.0 - (b / a) ** 2)) / (5.0 / 3.6)
     plant = delayed_plant(2.0 * lap)
     speed_m_s = plant.vehicle.speed_m_s
     mean_curvature_1_m = 2.0 * math.pi / (lap * speed_m_s)
