@@ -17,15 +17,13 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from math import isnan
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS
-from ...runtime.array_types import FloatArray
 from ...runtime.input_file import read_bytes
 from ...runtime.output_file import write_text
 from ...runtime.program.output_folder import refuse_another_run
@@ -175,7 +173,10 @@ def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
     controllers = [names[place] for place in places.tolist()]
     laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
     judged = verdicts(study.settings.verdict, computed.ends, computed.figures)
-    figures = dict(zip(study.columns, computed.figures.T.copy(), strict=True))
+    figures, of_wheel = dict(zip(study.columns, computed.figures.T.copy(), strict=True)), {}
+    if study.hand_wheels:
+        is_still = np.isnan(figures["hand_wheel_shakes_hz"])
+        of_wheel = {HAND_WHEEL_VERDICT: np.where(is_still, "still", "shakes").tolist()}
     return {
         "id": computed.ids,
         "point": [case.point for case in rows],
@@ -189,7 +190,7 @@ def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
         },
         "verdict": [str(verdict) for verdict in judged],
         "ended_by": [str(RUN_ENDS[end]) for end in computed.ends.tolist()],
-        **({HAND_WHEEL_VERDICT: _still_or_not(figures)} if study.hand_wheels else {}),
+        **of_wheel,
         **figures,
         **{name: figures[name].astype(np.int64) for name in COUNTS},
         "overrides": [
@@ -199,10 +200,6 @@ def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
             for case, name, place in zip(rows, controllers, first.tolist(), strict=True)
         ],
     }
-
-
-def _still_or_not(figures: Mapping[str, FloatArray]) -> list[str]:
-    return ["still" if isnan(hz) else "shakes" for hz in figures["hand_wheel_shakes_hz"].tolist()]
 
 
 def are_numbers(labels: Sequence[Any]) -> bool:

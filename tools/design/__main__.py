@@ -52,14 +52,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"{NAME} paper_vehicle --spec practical --out out/gains",
         "VEHICLE (--spec SPEC | --frontier FRONTIER) [options]",
     )
+    vehicles = [name for name in preset_names(SHIPPED) if name.endswith("_vehicle")]
+    shipped = [name for name in preset_names(SHIPPED) if name not in vehicles]
     parser.add_argument(
         "vehicle", type=settings_file(SHIPPED), metavar="VEHICLE",
-        help="a file, or paper_vehicle or highway_vehicle",
+        help=f"a file, a folder of identify, or one of {', '.join(vehicles)}",
     )  # fmt: skip
     wanted = parser.add_mutually_exclusive_group(required=True)
     wanted.add_argument(
         "--spec", type=settings_file(SHIPPED), metavar="SPEC",
-        help=f"a file, or one of {', '.join(_specifications())}",
+        help=f"a file, or one of {', '.join(shipped)}",
     )  # fmt: skip
     wanted.add_argument(
         "--frontier", type=settings_file(FRONTIERS), metavar="FRONTIER",
@@ -88,10 +90,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _setting_keys() -> Sequence[str]:
     return setting_words(importlib.import_module(f"{SHIPPED}.specification").Specification)
-
-
-def _specifications() -> list[str]:
-    return [name for name in preset_names(SHIPPED) if not name.endswith("_vehicle")]
 
 
 if __name__ == "__main__":

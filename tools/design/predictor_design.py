@@ -106,8 +106,7 @@ class Task(NamedTuple):
     @property
     def loop_models(self) -> list[LoopModel]:
         """The vehicles of the linear figures, with the lag that they have besides a dead time."""
-        spec = self.spec
-        if spec.road is None:
+        if self.spec.road is None:
             return [LoopModel(vehicle) for vehicle in self.vehicles]
         plants = self.plants(LatencySettings(), 0.0, 1)
         return [
@@ -227,7 +226,6 @@ class PredictorDesign(NamedTuple):
     settings: ControllerSettings
     values: Values
     judged: int
-    vehicles: int
     delays_ns: tuple[int, ...]
     rms_m: FloatArray
     settled_rms_m: FloatArray
@@ -341,13 +339,11 @@ def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDes
     """Return the figures of a predictor."""
     spec, delays_ns = task.spec, task.table.delays_ns
     columns = [runs(task, settings, constant(delay_ns)) for delay_ns in delays_ns]
-    on_road = () if spec.road is None else delays_ns
-    road_m = [road_errors_m(task, settings, delay_ns) for delay_ns in on_road]
+    road_m = [road_errors_m(task, settings, each) for each in delays_ns if spec.road is not None]
     return PredictorDesign(
         settings,
         {},
         0,
-        len(task.vehicles),
         delays_ns,
         np.array([worst_m(column, "whole_rms_m") for column in columns]),
         np.array([worst_m(column) for column in columns]),

@@ -58,7 +58,7 @@ def preset_text(
     if isinstance(design, PredictorDesign):
         delays = f"delay from 0 to {design.delays_ns[-1] / NS_PER_MS:g} ms, measured by the echo."
         law, ended = design.settings.law, design.ended
-        judged = f"{design.vehicles} vehicles"
+        judged = f"{len(vehicle.box.grid(required(spec.predictor).values_per_range))} vehicles"
         figures, settings = predictor_figures(spec, design), design.settings
     else:
         delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."

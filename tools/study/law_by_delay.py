@@ -62,7 +62,8 @@ def law_by_delay(study: Study, rows: Rows) -> LawByDelay | None:
     mean = _mean_delay(study.factors)
     if mean is None:
         return None
-    factors = [factor for factor in study.factors if factor != mean and not _is_vehicle(factor)]
+    others = [factor for factor in study.factors if factor != mean]
+    factors = [each for each in others if not all(key.startswith(_VEHICLE) for key in each.keys)]
     if not all(factor.labels for factor in factors):
         return None
     names = [factor.name for factor in factors]
@@ -118,10 +119,6 @@ def _level(name: str, value: object) -> str:
     return str(value) if isinstance(value, str) else f"{name} {value}"
 
 
-def _is_vehicle(factor: Factor) -> bool:
-    return all(key.startswith(_VEHICLE) for key in factor.keys)
-
-
 def _worst(cell: IntArray, values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Return the largest value of each cell; a run that ended early counts as infinitely far."""
     worst = np.full(int(np.prod(shape)), -np.inf)
@@ -134,17 +131,16 @@ def law_section(found: LawByDelay, pictures: Sequence[Picture]) -> Section:
     stride = -(-len(found.delays_ms) // SHOWN_MAX)
     shown = range(0, len(found.delays_ms), stride)
     delays = [f"{found.delays_ms[place]:g} ms" for place in shown]
+    conditions = range(len(found.conditions))
+    breaks_ms = [
+        [found.breaks_at_ms(each, law) for each in conditions]
+        for law in range(len(found.controllers))
+    ]
     breaks = Table(
         ("breaks at [ms]", *found.conditions),
         [
-            (
-                Cell(name),
-                *(
-                    number(_breaks(found.breaks_at_ms(condition, law)))
-                    for condition in range(len(found.conditions))
-                ),
-            )
-            for law, name in enumerate(found.controllers)
+            (Cell(name), *(number("-" if ms is None else f"{ms:g}") for ms in of_law))
+            for name, of_law in zip(found.controllers, breaks_ms, strict=True)
         ],
     )
     tables = [breaks]
@@ -179,10 +175,6 @@ def largest_deviations(found: LawByDelay) -> list[str]:
         "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
         for row in (heads, *rows)
     ]
-
-
-def _breaks(delay_ms: float | None) -> str:
-    return "-" if delay_ms is None else f"{delay_ms:g}"
 
 
 def _rms(found: LawByDelay, place: tuple[int, int, int]) -> str:
