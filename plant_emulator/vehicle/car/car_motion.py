@@ -266,11 +266,11 @@ def tyres_of_car(p: CarMotionParams, x: CarMotionState) -> Tyres:
 
 def axle_use_of_car(p: CarMotionParams, x: CarMotionState) -> AxleUse | None:
     """Return what the axles bear and give; None for a car of another package."""
-    _, _, (_, _, now, _, interval, _) = x
+    _, _, (_, _, now, _, _, _) = x
     if not isinstance(p.car, CarParams):
         return None
-    friction = p.intervals[interval].friction * p.patches[now.patch].friction
-    return axle_use(p.car, now.car, now.demand_m_s2, friction)
+    *_, demand_m_s2, friction = tyres_of_car(p, x)
+    return axle_use(p.car, now.car, demand_m_s2, friction)
 
 
 def is_car_limited(x: CarMotionState) -> bool:
