@@ -4,7 +4,7 @@ The first that applies:
 
     no start      nothing ever arrived: no measurement, or no command
     too short     the run lasted less than SHORTEST_RUN_S: nothing can be said of it
-    left range    the error exceeded the range of LATERAL_ERROR (±83.88 m)
+    left range    the error exceeded the range of LATERAL_ERROR (±83.88 m), or a car left its path
     left corridor the vehicle's body was beyond an edge of the corridor (``path.corridor``)
     unstable      the law gave no finite command; or an oscillation grows: its amplitude in the last
                   window is ``growth`` times that in the window before, or more

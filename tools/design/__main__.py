@@ -4,8 +4,8 @@
     steer-by-wire design VEHICLE --frontier FRONTIER [--out DIR]
 
 From the vehicle and its uncertainty, a range of delays, a rate and a specification to a controller
-preset for each law of the specification. Leaves in DIR the presets and a picture of each, and
-prints why each value is what it is. The presets practical_* are designs of
+preset for each law of the specification. Leaves in DIR the presets, a picture of each law
+without prediction, and prints why each value is what it is. The presets practical_* are designs of
 
     steer-by-wire design paper_vehicle --spec practical
 
