@@ -115,7 +115,7 @@ export class Scene {
       drawDeviation(pen, camera, state);
     }
     pen.restore();
-    if (last !== undefined) say(pen, place.width, place.height, `no measurement; the car was last ${length(last, this.app.isInMetres)} off the path`);
+    if (last !== undefined) say(pen, place.width, place.height, `no measurement; the preview point was last ${length(last, this.app.isInMetres)} off the path`);
     this.drawLabels(pen, place, camera, lane, state);
     pen.fillStyle = colour("dim");
     const y = this.app.lanes.length > 1 ? 38 : 18; // below the name of the lane

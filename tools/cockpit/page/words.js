@@ -21,9 +21,9 @@ export function shown(signal, value) {
   return fixed(signal.scale * value, signal.digits);
 }
 
-// A number with so many digits, with a true minus and no negative zero.
+// A number with so many digits, with a true minus and no negative zero; a dash where there is none.
 export function fixed(value, digits) {
-  return value.toFixed(Math.abs(value) < 1000 ? digits : 0).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
+  return !Number.isFinite(value) ? "–" : value.toFixed(Math.abs(value) < 1000 ? digits : 0).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
 }
 
 // Lengths are in mm, or all of them in m: the figures of a signal, as they came, in one of the two.
