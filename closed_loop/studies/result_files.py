@@ -176,7 +176,8 @@ def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
     figures, of_wheel = dict(zip(study.columns, computed.figures.T.copy(), strict=True)), {}
     if study.hand_wheels:
         is_still = np.isnan(figures["hand_wheel_shakes_hz"])
-        of_wheel = {HAND_WHEEL_VERDICT: np.where(is_still, "still", "shakes").tolist()}
+        found = np.where(is_still, "still", "shakes")
+        of_wheel = {HAND_WHEEL_VERDICT: np.where(figures["samples"] > 0, found, "").tolist()}
     return {
         "id": computed.ids,
         "point": [case.point for case in rows],

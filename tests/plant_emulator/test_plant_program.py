@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
+import can
 import pytest
 
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
 from steer_by_wire.plant_emulator.command_line.program import main
 from steer_by_wire.runtime.exit_status import ExitStatus
-from tests.support.programs.running_program import running
+from tests.support.programs.running_program import PATIENCE_S, running
 
 Capture = pytest.CaptureFixture[str]
 
@@ -45,6 +46,8 @@ def test_a_signal_ends_a_run_with_its_report_and_its_trace(tmp_path: Path) -> No
             running("steer_by_wire.controller", bus, tmp_path / "controller.json"),
         ):
             plant.wait_for("FOLLOWING")
+            with can.Bus(interface="emulated", address=address) as listener:
+                assert all(listener.recv(PATIENCE_S) for _ in range(20))  # samples among them
             assert plant.interrupt() == ExitStatus.OK
     assert plant.report()["ended_by"] == "SIGINT"
     assert len(trace.read_text("utf-8").splitlines()) == 1 + plant.report()["node"]["samples"] > 1

@@ -141,9 +141,9 @@ def open_wheel(device: Path) -> tuple[Any, Any]:
         opened = evdev.InputDevice(str(device))
     except OSError as error:
         raise SettingsError(f"--usb-wheel {device}: cannot be opened: {cause_of(error)}") from error
-    codes, able = evdev.ecodes, opened.capabilities(absinfo=False)
-    forces = able.get(codes.EV_FF, ())
-    if codes.ABS_X not in able.get(codes.EV_ABS, ()) or codes.FF_CONSTANT not in forces:
+    codes, able = evdev.ecodes, opened.capabilities()
+    axis, forces = dict(able.get(codes.EV_ABS, ())).get(codes.ABS_X), able.get(codes.EV_FF, ())
+    if axis is None or axis.min >= axis.max or codes.FF_CONSTANT not in forces:
         opened.close()
         what = "is no wheel with force feedback: it needs an axis X and a constant force"
         raise SettingsError(f"--usb-wheel {device}: {opened.name} {what}")

@@ -12,6 +12,8 @@ from ...plant_emulator.network.settings import BothLatencySettings, LatencySetti
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
+from ...runtime.settings import SettingsError, preset_names
+from ...runtime.settings.mistakes import hint
 from .specification import RoadTable
 from .vehicle_file import VehicleFile
 
@@ -24,6 +26,8 @@ def roads_of(study: str) -> Sequence[PlantSettings]:
 
     What a controller's variant changes about the plant is left out.
     """
+    if not study.endswith(".toml") and study not in preset_names(_STUDIES):
+        raise SettingsError(f"study {study}: {hint(study, preset_names(_STUDIES))}, or a file")
     shipped = resources.files(_STUDIES) / f"{study}.toml"
     scenarios = Scenarios(load_study(Path(study if study.endswith(".toml") else str(shipped))))
     plants = [scenarios.plant(scenarios.case(index)) for index in range(scenarios.study.cases)]

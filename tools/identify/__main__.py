@@ -53,6 +53,7 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
+from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 
@@ -103,6 +104,7 @@ def _run(options: argparse.Namespace) -> int:
             raise SettingsError("new: name a LOG whose columns are to be mapped")
         print("".join(map(proposed_mapping, options.logs[1:])), end="")
         return ExitStatus.OK
+    refuse_another_run(options.out, {})
     progress, source = _Progress(), ", ".join(log.name for log in options.logs)
     try:
         channels, bus = _read(options, progress)
@@ -147,6 +149,10 @@ def _read(
 ) -> tuple[list[Channel], BusLog | None]:
     """Return the channels of all logs, and what a log of the bus has besides."""
     if options.columns is not None or all(map(is_table, options.logs)):
+        if options.dialect is not None:
+            raise SettingsError(
+                "--dialect is of a log of the bus, and these are tables: leave it out"
+            )
         return joined([read_columns(log, options.columns) for log in options.logs]), None
     try:
 

@@ -25,7 +25,7 @@ overruns = { overruns_max = "off", missed_periods_max = "off" }
 """
 HAND_WHEEL = """
 cycle_ms = 10
-driver = { grip = "loose", kicks = [{ at_s = 0.5, lasts_s = 1.5, torque_n_m = 1 }] }
+driver = { grip = "loose", kicks = [{ at_s = 0.5, lasts_s = 60, torque_n_m = 1 }] }
 overruns = { overruns_max = "off", missed_periods_max = "off" }
 """
 PROGRAMS = {

@@ -83,8 +83,9 @@ def test_bit_rate_and_listening_only_reach_the_adapter(bus: AdapterBus) -> None:
         assert controller.interrupt() in (ExitStatus.OK, ExitStatus.CONDITION)
         assert plant.interrupt() == ExitStatus.OK
         assert plant.report()["node"]["accepted"] == 0
-    wanted = [adapter.commands[-4:] for adapter in bus.adapters]
-    assert wanted == [["S6", "O", "O", "C"], ["S6", "L", "L", "C"]]
+    ends = [adapter.commands for adapter in bus.adapters]
+    wait_until(lambda: all(end[-1] == "C" for end in ends), "the end of both")
+    assert [end[-4:] for end in ends] == [["S6", "O", "O", "C"], ["S6", "L", "L", "C"]]
 
 
 def test_an_unplugged_adapter_ends_the_run_with_one_line_a_report_and_status_3(

@@ -5,7 +5,7 @@ import math
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -78,69 +78,46 @@ def test_a_person_turns_the_hand_wheel_smoothly_and_lets_go(tmp_path: Path) -> N
     assert person.hands(now_ns) is None
 
 
-class Device:
-    """Stands for evdev's InputDevice: an axis from -100 to 300, and a constant force."""
-
-    def __init__(self, name: str) -> None:
-        self.name, self.axis, self.levels, self.has_gone = name, 100, list[int](), False
-
-    def capabilities(self, absinfo: bool) -> dict[str, list[str]]:
-        assert not absinfo
-        return {"EV_ABS": ["ABS_X"], "EV_FF": [] if "event0" in self.name else ["FF_CONSTANT"]}
-
-    def absinfo(self, axis: str) -> SimpleNamespace:
-        if self.has_gone:
-            raise OSError(errno.ENODEV, "No such device")
-        assert axis == "ABS_X"
-        return SimpleNamespace(value=self.axis, min=-100, max=300)
-
-    def upload_effect(self, effect: tuple[Any, ...]) -> int:
-        assert effect[:2] == ("FF_CONSTANT", 7 if self.levels else -1)
-        self.levels.append(effect[-1])
-        return 7
-
-    def write(self, *play: object) -> None:
-        assert play == ("EV_FF", 7, 1)
-
-    def close(self) -> None:
-        self.has_gone = True
-
-
 @pytest.fixture
-def evdev(monkeypatch: pytest.MonkeyPatch) -> None:
-    names = ("ABS_X", "EV_ABS", "EV_FF", "FF_CONSTANT")
-    ff = SimpleNamespace(
-        Effect=lambda *parts: parts,
-        EffectType=lambda ff_constant_effect: ff_constant_effect,
-        Constant=lambda level, _envelope: level,
-        **dict.fromkeys(("Envelope", "Trigger", "Replay"), lambda *_: ()),
-    )
-    codes = SimpleNamespace(**{name: name for name in names})
-    module = SimpleNamespace(InputDevice=Device, ecodes=codes, ff=ff)
-    monkeypatch.setitem(sys.modules, "evdev", module)  # type: ignore[arg-type]
+def evdev(monkeypatch: pytest.MonkeyPatch) -> MagicMock:
+    """Stands for the package, with a wheel whose axis goes from -100 to 300."""
+    module = MagicMock()
+    codes, device = module.ecodes, module.InputDevice.return_value
+    device.absinfo.return_value = axis = SimpleNamespace(value=100, min=-100, max=300)
+    forces = [codes.FF_CONSTANT]
+    device.capabilities.return_value = {codes.EV_ABS: [(codes.ABS_X, axis)], codes.EV_FF: forces}
+    monkeypatch.setitem(sys.modules, "evdev", module)
+    return module
 
 
-@pytest.mark.usefixtures("evdev")
-def test_a_usb_wheel_turns_the_hand_wheel_and_feels_what_it_pushes_with(tmp_path: Path) -> None:
+def test_a_usb_wheel_turns_the_hand_wheel_and_feels_what_it_pushes_with(
+    tmp_path: Path, evdev: MagicMock
+) -> None:
     settings = HandWheelSettings(cycle_ms=5.0)
     usb = UsbWheel(tmp_path / "hand", Path("/dev/input/event5"), settings.steering_ratio)
     node = HandWheelNode(settings, START_NS, person=Person(usb, settings).hands, samples_max=99)
-    seat, device = Seat(node, usb, START_NS, pedals=False), usb._wheel
-    device.axis = 60  # a tenth of its way to the left
+    seat, device = Seat(node, usb, START_NS, pedals=False), evdev.InputDevice.return_value
+    device.absinfo.return_value.value = 60  # a tenth of its way to the left
     for number in range(99):
         usb.write(Orders(grip="firm"), START_NS + number * settings.cycle_ns)
         seat.on_tick(seat.deadline_ns)
     assert node.samples[-1].angle_rad == pytest.approx(0.1 * TURN_RAD, abs=0.05)
-    pushed = np.sign([sample.driver_torque_n_m for sample in node.samples])
-    assert np.array_equal(np.sign(device.levels), -pushed[: len(device.levels)])
-    assert max(map(abs, device.levels)) == 0x7FFF
-    device.has_gone = True
+    levels = [call.args[0] for call in evdev.ff.Constant.call_args_list]
+    pushed = [sample.driver_torque_n_m for sample in node.samples]
+    assert np.array_equal(np.sign(levels), -np.sign(pushed[: len(levels)]))
+    assert max(map(abs, levels)) == 0x7FFF
+    device.absinfo.side_effect = OSError(errno.ENODEV, "No such device")
     assert usb.read(START_NS) is None
 
 
-@pytest.mark.usefixtures("evdev")
-def test_what_has_no_force_is_no_usb_wheel() -> None:
-    with pytest.raises(SettingsError, match="event0 is no wheel with force feedback: it needs an"):
+@pytest.mark.parametrize("lacks", ["force", "way"])
+def test_what_has_no_force_or_no_way_is_no_usb_wheel(evdev: MagicMock, lacks: str) -> None:
+    device = evdev.InputDevice.return_value
+    if lacks == "force":
+        device.capabilities.return_value[evdev.ecodes.EV_FF].clear()
+    else:
+        device.absinfo.return_value.max = -100
+    with pytest.raises(SettingsError, match="is no wheel with force feedback: it needs an axis X"):
         open_wheel(Path("/dev/input/event0"))
 
 

@@ -111,7 +111,11 @@ def test_times_that_leave_nothing_are_refused_as_such(log, capsys, words) -> Non
 
 
 @pytest.mark.parametrize(
-    "words", [["new"], ["missing.csv"], ["--controller", "nix", "missing.csv"]]
+    "words",
+    [
+        *(["new"], ["missing.csv"], ["--controller", "nix", "missing.csv"]),
+        *([__file__, "--out", __file__], ["missing.csv", "--dialect", __file__]),
+    ],
 )
 def test_a_wrong_call_is_refused_in_one_line(capsys, words) -> None:
     assert main(words) == 2
