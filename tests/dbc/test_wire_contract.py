@@ -200,11 +200,6 @@ def test_a_field_whose_unit_is_not_the_dbcs_is_refused() -> None:
         MessageCodec(layout, InMillimetres)
 
 
-def unused_bits(definition: Definition) -> list[int]:
-    used = {signal.start + bit for signal in definition.signals for bit in range(signal.length)}
-    return [bit for bit in range(8 * definition.length) if bit not in used]
-
-
 def test_the_bits_that_nobody_uses_are_ignored() -> None:
     for definition in DATABASE.messages:
         raws = {
@@ -212,7 +207,9 @@ def test_the_bits_that_nobody_uses_are_ignored() -> None:
             for signal in definition.signals
         }
         payload = bytearray(definition.encode(raws, scaling=False))
-        word = int.from_bytes(payload, "little") | sum(1 << bit for bit in unused_bits(definition))
+        used = {one.start + bit for one in definition.signals for bit in range(one.length)}
+        unused = {*range(8 * definition.length)} - used
+        word = int.from_bytes(payload, "little") | sum(1 << bit for bit in unused)
         filled = bytearray(word.to_bytes(definition.length, "little"))
         message_type = MESSAGE_TYPES[definition.name]
         if message_type in DATA_IDS:

@@ -24,11 +24,6 @@ from tests.support.suite.unrendered import unrendered as unrendered
 Capture = pytest.CaptureFixture[str]
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="ascii") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.usefixtures("unrendered")
 def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
     command = command_of(0.12345, 7)
@@ -47,7 +42,8 @@ def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
         ],
     )
     written(tmp_path / "out", path)
-    rows = rows_of(tmp_path / "out" / "run" / "signals.csv")
+    text = (tmp_path / "out" / "run" / "signals.csv").read_text("ascii")
+    rows = list(csv.DictReader(text.splitlines()))
     assert [(row["time_s"], row["message"]) for row in rows] == [
         ("0.000000", "STEERING_COMMAND"),
         ("0.002500", "LATERAL_ERROR"),

@@ -39,10 +39,6 @@ def pd_loop(rate_hz: int, model: TransferFunction, **pd: float) -> SampledLoop:
     return SampledLoop(pd_design(rate_hz, **pd), model, 1_000_000_000 // rate_hz)
 
 
-def margin_ns(loop: SampledLoop, delay_ns_max: int) -> int | None:
-    return delay_margin_ns(stable_delays(loop, delay_ns_max), delay_ns_max)
-
-
 def observer_settings(law: str) -> LawSettings:
     tables = {
         "pd": {**PAPER_GAINS, "derivative_filter_rad_s": 2.0},
@@ -139,7 +135,7 @@ def test_the_published_gains_tolerate_ten_milliseconds_and_a_filter_buys_more(
     if derivative_filter_rad_s is not None:
         pd["derivative_filter_rad_s"] = derivative_filter_rad_s
     loop = pd_loop(rate_hz, paper_eq19(), **pd)
-    found_ns = margin_ns(loop, 100 * MS_NS)
+    found_ns = delay_margin_ns(stable_delays(loop, 100 * MS_NS), 100 * MS_NS)
     assert found_ns is not None
     period_ms = 1e3 / rate_hz
     found_ms = found_ns / MS_NS

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from steer_by_wire.closed_loop.compiled.engine import CompiledRun, run_compiled
 from steer_by_wire.closed_loop.studies.compiled_runs import verdict_on
 from steer_by_wire.controller.analysis.growing_modes import GrowingModes
-from steer_by_wire.controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from steer_by_wire.controller.analysis.sampled_loop import SLOWEST_DECAY_1_S
 from steer_by_wire.controller.analysis.stable_delays import (
     DELAY_NS_MAX,
     RESOLUTION_NS,
@@ -75,11 +75,6 @@ def test_a_loop_that_tolerates_every_delay_up_to_the_limit_has_no_margin_to_tell
 # Against eigenvalues
 
 
-def growing_by_eigenvalues(loop: SampledLoop, delay_ns: int) -> int:
-    radius = math.exp(-SLOWEST_DECAY_1_S * loop.period_ns / 1e9)
-    return int(np.sum(np.abs(loop.closed_loop_poles(delay_ns)) > radius))
-
-
 @given(
     name=st.sampled_from(["pd", "pd_dob", "pd_cdob", "pd_ddob"]),
     rate_hz=st.sampled_from([10.0, 30.0, 100.0, 250.0]),
@@ -109,7 +104,8 @@ def test_the_modes_counted_are_those_of_the_eigenvalues(
     )
     loop = loop_of(chosen)
     counted = GrowingModes(loop, 400 * MS_NS).count(delay_ns)
-    assert counted == growing_by_eigenvalues(loop, delay_ns)
+    radius = math.exp(-SLOWEST_DECAY_1_S * loop.period_ns / 1e9)
+    assert counted == np.sum(np.abs(loop.closed_loop_poles(delay_ns)) > radius)
 
 
 # Against runs: a straight path, a push from the side, and what becomes of the steer

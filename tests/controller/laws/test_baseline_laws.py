@@ -13,7 +13,7 @@ from steer_by_wire.controller.analysis.stable_delays import least_margin_ns
 from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_error
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
-from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError, read_preset
 from tests.support.loops.baseline_runs import FEED_FORWARD
 
@@ -24,17 +24,14 @@ ELLIPSE = ('path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0
 # Presets
 
 
-def corner(name: str, delay_ms: int) -> PlantSettings:
-    overrides = ["duration_s=60", *ELLIPSE, f"latency.downlink.mean_s={delay_ms * 1e-3}"]
-    return plant_preset(f"paper_corner_{name}", overrides)
-
-
 def test_the_smith_preset_keeps_what_its_file_states() -> None:
     text = read_preset("steer_by_wire.controller.presets", "practical_smith").text
     stated = re.search(r"# +RMS error +([\d.]+) m at 0 ms, ([\d.]+) m at 250 ms, from 5 s on", text)
     assert stated
     for delay_ms, rms_m in zip((0, 250), map(float, stated.groups()), strict=True):
-        runs = [run_compiled(corner(each, delay_ms), preset("practical_smith")) for each in "abcd"]
+        driven = ["duration_s=60", *ELLIPSE, f"latency.downlink.mean_s={delay_ms * 1e-3}"]
+        corners = [plant_preset(f"paper_corner_{name}", driven) for name in "abcd"]
+        runs = [run_compiled(corner, preset("practical_smith")) for corner in corners]
         assert {run.outcome for run in runs} == {Outcome.COMPLETE}
         worst_m = max(rms_of(run.cg_deviation_m[run.time_s >= 5.0]) for run in runs)
         assert worst_m == pytest.approx(rms_m, rel=0.01)

@@ -35,19 +35,14 @@ ACTUATORS = {
 }
 
 
-def moving(actuator: ActuatorSettings) -> Motion:
-    return Motion(
-        motion_params(VehicleSettings(), actuator, StraightSettings(), DisturbanceSettings())
-    )
-
-
 @pytest.mark.parametrize("name", ACTUATORS)
 def test_wheel_follows_a_servo_integrated_in_fine_steps(name: str) -> None:
     """Euler at 10 µs on δ' = clip((goal − δ)/lag, ± rate), the goal by the definition of play."""
     actuator = ACTUATORS[name]
     rate = actuator.rate_limit_rad_s or math.inf
     limit = actuator.angle_limit_rad or math.inf
-    motion = moving(actuator)
+    still = StraightSettings(), DisturbanceSettings()
+    motion = Motion(motion_params(VehicleSettings(), actuator, *still))
     rng = random.Random(7)
     wheel, step_s, now_ns = 0.0, 1e-5, 0
     for _ in range(30):

@@ -151,16 +151,13 @@ def test_a_port_that_cannot_be_opened_leaves_no_socket(monkeypatch: pytest.Monke
 # Receiving
 
 
-def stamp(time_ns: int) -> tuple[int, int, bytes]:
-    return (socket.SOL_SOCKET, SO_TIMESTAMPNS, struct.pack("@ll", *divmod(time_ns, S)))
-
-
 def test_a_frame_comes_with_the_kernel_s_time_on_the_monotonic_clock(
     sockets: list[FakeSocket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(socketcan, "wall_minus_monotonic_ns", lambda: 1000 * S)
     port = SocketCanPort("can7")
-    sockets[0].waiting += [(packed(FRAMES[1]), [stamp(1007 * S + 25)]), (packed(FRAMES[2]), [])]
+    stamp = socket.SOL_SOCKET, SO_TIMESTAMPNS, struct.pack("@ll", 1007, 25)
+    sockets[0].waiting += [(packed(FRAMES[1]), [stamp]), (packed(FRAMES[2]), [])]
     assert port.recv(0.0) == Received(FRAMES[1], 7 * S + 25)
     assert port.recv(-1.0) == Received(FRAMES[2], None)
     assert port.recv(0.0) is None

@@ -113,10 +113,6 @@ def state(text: str) -> View:
     return View({"mode": text}, {}, "")
 
 
-def count(number: int) -> View:
-    return View({}, {"frames rejected, bad_crc": number}, "")
-
-
 def test_a_state_is_one_line_each_time_it_changes() -> None:
     changes = Changes()
     seen = [list(changes.lines(state(text), 10 * STATE_NS * n)) for n, text in enumerate("aabba")]
@@ -137,7 +133,8 @@ def test_a_flood_of_bad_frames_is_counted_in_few_lines() -> None:
     changes = Changes()
     printed: list[str] = []
     for n in range(1, 201):
-        printed += changes.lines(count(1000 * n), n * LOOK_NS)
+        counts = {"frames rejected, bad_crc": 1000 * n}
+        printed += changes.lines(View({}, counts, ""), n * LOOK_NS)
     assert len(printed) == 1 + 199 * LOOK_NS // COUNT_NS
     assert printed[0] == "frames rejected, bad_crc: 1000"
     assert printed[1] == "frames rejected, bad_crc: 100000 more, 101000 so far"

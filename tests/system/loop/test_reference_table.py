@@ -12,12 +12,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
-from steer_by_wire.controller.filters.settings import (
-    CdobSettings,
-    DobSettings,
-    PdSettings,
-    VehicleModelSettings,
-)
+from steer_by_wire.controller.filters.settings import CdobSettings, DobSettings, PdSettings
 from steer_by_wire.controller.limits.steer_limits import LimitSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.network.latency_distributions import Distribution
@@ -25,6 +20,7 @@ from steer_by_wire.plant_emulator.network.settings import BothLatencySettings, L
 from steer_by_wire.plant_emulator.path.settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
+from tests.support.loops.own_vehicle import VEHICLE
 
 PERIOD_NS = 10_000_000
 DURATION_S = 60
@@ -34,16 +30,8 @@ Corner = tuple[float, float]
 """Speed [km/h] and virtual mass [kg]."""
 CORNERS: tuple[Corner, ...] = ((4.0, 1600.0), (4.0, 5000.0), (7.0, 1600.0), (7.0, 5000.0))
 
-MODEL = VehicleModelSettings(
-    kind="vehicle",
-    virtual_mass_kg=2000.0,
-    yaw_inertia_kg_m2=3728.0,
-    front_cornering_stiffness_n_rad=195e3,
-    rear_cornering_stiffness_n_rad=500e3,
-    front_axle_distance_m=1.3008,
-    rear_axle_distance_m=1.5453,
-    preview_distance_m=1.912,
-    speed_m_s=5.0 / 3.6,
+MODEL = VEHICLE.model_copy(
+    update={"front_cornering_stiffness_n_rad": 195e3, "preview_distance_m": 1.912}
 )
 
 
