@@ -272,11 +272,17 @@ def rules_of(
 ) -> FigureRules:
     """Return the rules for the figures of a run of these settings."""
     limits = controller.steer_limits
-    periods_s = plant.sensor_period_ns / NS_PER_S, controller.period_ns / NS_PER_S
-    window_s = min(rules.window_s, WINDOW_SHARE_MAX * plant.duration_s)
-    settled = window_s, rules.settling_band_m, rules.settled_s
-    point = rules.behind_preview_m(plant.vehicle), plant.sensor_noise.lateral_error_m
-    return FigureRules(*periods_s, limits.steer_rad_max, limits.step_rad_max, *settled, *point)
+    return FigureRules(
+        plant.sensor_period_ns / NS_PER_S,
+        controller.period_ns / NS_PER_S,
+        limits.steer_rad_max,
+        limits.step_rad_max,
+        min(rules.window_s, WINDOW_SHARE_MAX * plant.duration_s),
+        rules.settling_band_m,
+        rules.settled_s,
+        rules.behind_preview_m(plant.vehicle),
+        plant.sensor_noise.lateral_error_m,
+    )
 
 
 def farthest_outside_m(

@@ -164,13 +164,26 @@ class PlantNode:
         self._seen: LinearState | None = None
         self._stop_m_s2 = settings.safety.stop_m_s2
         self._sends_truth = settings.ground_truth
-        period_ns, vehicle = settings.sensor_period_ns, settings.vehicle
-        sensed = settings.sensor_noise, settings.path_ahead, vehicle.speed_m_s, settings.seed
-        when = start_ns, period_ns, self._network.uplink
-        self._sampling = Sampling(self._motion, *sensed, *when)
-        judged = vehicle, settings.verdict, settings.duration_s, period_ns / NS_PER_S, samples_max
-        lane = None if settings.car is None else settings.car.lane
-        self._record = RunRecord(self._motion, *judged, corridor_of(settings.path), lane)
+        self._sampling = Sampling(
+            self._motion,
+            settings.sensor_noise,
+            settings.path_ahead,
+            settings.vehicle.speed_m_s,
+            settings.seed,
+            start_ns,
+            settings.sensor_period_ns,
+            self._network.uplink,
+        )
+        self._record = RunRecord(
+            self._motion,
+            settings.vehicle,
+            settings.verdict,
+            settings.duration_s,
+            settings.sensor_period_ns / NS_PER_S,
+            samples_max,
+            corridor_of(settings.path),
+            None if settings.car is None else settings.car.lane,
+        )
         self._undrivable = undrivable_by(settings, self._motion.path)
         self.finished = False
 
