@@ -108,11 +108,11 @@ class Task(NamedTuple):
         """The vehicles of the linear figures, with the lag that they have besides a dead time."""
         if self.spec.road is None:
             return [LoopModel(vehicle) for vehicle in self.vehicles]
-        plants = self.plants(LatencySettings(), 0.0, 1)
+        plants, (dead_s, _) = self.plants(LatencySettings(), 0.0, 1), self.steering_s
         return [
             LoopModel(
                 NominalVehicle(**each.model_dump(include=set(NominalVehicle._fields))),
-                max(lag_s - self.steering_s[0], 0.0),
+                max(lag_s - dead_s, 0.0),
             )
             for each, lag_s in dict.fromkeys((plant.vehicle, lag_of(plant)) for plant in plants)
         ]
