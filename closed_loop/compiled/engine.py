@@ -33,7 +33,10 @@ from .law_code import CompiledLaw, LawCode, compiled_law, innermost_cause, is_of
 from .law_input import LATERAL_ERROR_RESOLUTION_M, STEER_RESOLUTION_RAD, quantised
 from .loop import COMPLETE, IS_OVERRULED, LAW_FAILED, SPEED_CHANGED, TAKEN_OVER, run_segment
 from .loop_records import (
+    ARC_LENGTH,
+    CURVATURE,
     ERROR,
+    HEADING,
     LAW_OUTPUT,
     MEASURED,
     SENT,
@@ -42,6 +45,8 @@ from .loop_records import (
     STATE_SAMPLE,
     TICK_SAMPLE,
     TYRES,
+    WHEEL,
+    YAW_RATE,
     Constants,
     Inbox,
     Instants,
@@ -136,8 +141,9 @@ class CompiledRun(NamedTuple):
         if not isinstance(self.motion, CarMotionParams) or type(self.motion.car) is not CarParams:
             return
         for speed_m_s, *tyres in zip(self.speed_m_s, *self.tyres, strict=True):
-            car = CarState(speed_m_s, 0.0, 0.0, *tyres[:3], *[0.0] * 6)
-            yield axle_use(self.motion.car, car, *tyres[3:])
+            front_slip, rear_slip, along_m_s2, demand_m_s2, friction = tyres
+            car = CarState(speed_m_s, 0.0, 0.0, front_slip, rear_slip, along_m_s2, *[0.0] * 6)
+            yield axle_use(self.motion.car, car, demand_m_s2, friction)
 
     @property
     def command_rad(self) -> FloatArray:
@@ -386,12 +392,16 @@ def _collected(
         samples -= 1  # a car that has left its path
     window, steered = slice(first, samples), slice(schedule.first_tick, ticks)
     of_samples = r.samples[:, window]
-    # The rows from ERROR to SPEED have the order of the fields.
-    signals = dict(zip(CompiledRun._fields[2:], of_samples[:MEASURED], strict=False))
     return CompiledRun(
         outcome=outcome,
         time_s=schedule.time_s[: samples - first],
-        **signals,
+        lateral_error_m=of_samples[ERROR],
+        heading_error_rad=of_samples[HEADING],
+        yaw_rate_rad_s=of_samples[YAW_RATE],
+        wheel_angle_rad=of_samples[WHEEL],
+        curvature_1_m=of_samples[CURVATURE],
+        arc_length_m=of_samples[ARC_LENGTH],
+        speed_m_s=of_samples[SPEED],
         tyres=of_samples[TYRES:],
         command=r.command[window],
         tick_s=schedule.tick_s[steered],
