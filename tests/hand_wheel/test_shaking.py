@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.hand_wheel.shaking import AMPLITUDE_RAD, WINDOW_S, shaking, shaking_text
+from steer_by_wire.hand_wheel.shaking import AMPLITUDE_RAD, WINDOW_S, shaking
 
 PERIOD_S = 0.01
 TIMES_S = np.arange(0.0, WINDOW_S, PERIOD_S)
@@ -25,9 +25,3 @@ def test_a_swing_that_dies_down_or_is_tiny_is_still(hz: float, rate: float, swin
     assert shaking(swing * np.exp(-rate * TIMES_S) * wave, PERIOD_S) is None
     assert shaking(0.9 * AMPLITUDE_RAD * wave, PERIOD_S) is None
     assert shaking([0.0] * 5, PERIOD_S) is None
-
-
-def test_the_text_says_frequency_and_amplitude() -> None:
-    found = shaking(0.12 * np.sin(2 * np.pi * 1.7 * TIMES_S), PERIOD_S)
-    assert shaking_text(found) == "shakes at 1.7 Hz, ±0.12 rad"
-    assert shaking_text(None) == "still"

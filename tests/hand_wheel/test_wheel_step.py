@@ -33,10 +33,9 @@ SEDAN = VehicleParams(80 / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
 
 
 def params(
-    *, inertia: float = 0.035, damping: float = 0.15, friction: float = 0.0, stop: float = inf,
-    lag_s: float = 0.004, step_s: float = 1e-3, sensor: float = 0.0,
-) -> WheelParams:  # fmt: skip
-    return wheel_params(HandWheel(inertia, damping, lag_s, sensor), friction, stop, 20.0, step_s)
+    *, friction: float = 0.0, stop: float = inf, step_s: float = 1e-3, sensor: float = 0.0
+) -> WheelParams:
+    return wheel_params(HandWheel(sensor_n_m_rad=sensor), friction, stop, 20.0, step_s)
 
 
 def held(grip: str, torque_n_m: float = 0.0) -> Hands:
@@ -91,17 +90,6 @@ def test_a_sensor_that_gives_way_moves_as_an_integrator_says(
     assert state.driver_torque_n_m == pytest.approx(sensor * (exact[3] - exact[0]), abs=0.02)
 
 
-def test_a_stiff_sensor_is_a_rigid_one_in_the_analysis() -> None:
-    road = road_torque(SEDAN, 6.0, Rack())
-    starts = [
-        unstable_round_trips(sampled_feedback(held_wheel(wheel, GRIPS["loose"]), road, 1e-3), 1.0)
-        for wheel in (HandWheel(), HandWheel(sensor_n_m_rad=1e6), HandWheel(sensor_n_m_rad=60.0))
-    ]
-    rigid, stiff, soft = (found[0].start_s for found in starts)
-    assert stiff == pytest.approx(rigid, abs=1e-5)
-    assert soft != pytest.approx(rigid, abs=1e-4)
-
-
 @pytest.mark.parametrize("cycle_s", [0.001, 0.01])
 @pytest.mark.parametrize("grip", sorted(GRIPS))
 def test_the_steps_move_no_boundary_by_half_a_millisecond(grip: str, cycle_s: float) -> None:
@@ -115,28 +103,35 @@ def test_the_steps_move_no_boundary_by_half_a_millisecond(grip: str, cycle_s: fl
         assert one.start_s == pytest.approx(other.start_s, abs=0.5e-3)
 
 
-def growth(stiffness: float, delay_s: float, hz: float, behind: int = 50) -> float:
+def growth(wheel: HandWheel, stiffness: float, delay_s: float, hz: float) -> float:
     """Return the amplitude after 60 periods over that after 20, on a spring that answers late."""
+    behind = 50
     step_s = delay_s / (behind + 0.5)  # the command is held for a step
-    p = params(inertia=0.04, damping=0.2, lag_s=1e-9, step_s=step_s)
+    p = wheel_params(wheel, 0.0, inf, 20.0, step_s)
     periods = int(1.0 / hz / step_s) + 1
-    state, angles = AT_REST._replace(angle_rad=1.0), [1.0] * (behind + 1)
+    state, angles = AT_REST._replace(angle_rad=1e-3), [1e-3] * (behind + 1)
     for _ in range(60 * periods):
         state = wheel_step(p, state, -stiffness * angles[-behind - 1], held("hands_off"))
         angles.append(state.angle_rad)
     return max(map(abs, angles[-periods:])) / max(map(abs, angles[20 * periods : 21 * periods]))
 
 
-@pytest.mark.parametrize(
-    ("stiffness", "stable_ms"), [(2.0, 108), (5.0, 41.3), (10.0, 20.3), (20.0, 10.1)]
-)
-def test_a_wheel_alone_shakes_from_the_computed_delay_on(
-    stiffness: float, stable_ms: float
+@settings(max_examples=6)
+@given(st.floats(0.01, 0.1), st.floats(0.1, 2.0), st.floats(1.0, 40.0))
+def test_a_wheel_alone_settles_inside_and_shakes_outside(
+    inertia: float, damping: float, stiffness: float
 ) -> None:
-    exact = feedback_stability(inertia_kg_m2=0.04, damping_n_m_s=0.2, stiffness_n_m=stiffness)
-    assert 1e3 * exact.stable_delay_s == pytest.approx(stable_ms, abs=0.5)
+    exact = feedback_stability(
+        inertia_kg_m2=inertia, damping_n_m_s=damping, stiffness_n_m=stiffness
+    )
+    assert exact.passive_delay_s < exact.stable_delay_s
     inside, outside = (
-        growth(stiffness, factor * exact.stable_delay_s, exact.shakes_at_hz)
+        growth(
+            HandWheel(inertia, damping, motor_lag_s=1e-9),
+            stiffness,
+            factor * exact.stable_delay_s,
+            exact.shakes_at_hz,
+        )
         for factor in (0.98, 1.02)
     )
     assert inside < 1.0 < outside

@@ -128,31 +128,6 @@ def test_a_log_of_a_driver_is_not_called_limited(tmp_path: Path) -> None:
     assert '"limited_share": 0.0' in report.read_text()
 
 
-def test_when_the_hand_wheel_falls_silent_the_plant_straightens(tmp_path: Path) -> None:
-    fault = "{kind='drop', direction='downlink', message='HAND_WHEEL_STATE', onset_s=2}"
-    _, reports = run(
-        tmp_path, *PAIR, *DRIVEN, "--hand-wheel", "still", "--duration", "4",
-        "--set", f"plant.faults=[{fault}]",
-    )  # fmt: skip
-    assert node(reports, "plant_emulator")["safety"]["fallbacks"] == 1
-    assert node(reports, "hand_wheel")["mode"] == "active"
-
-
-def test_when_the_road_falls_silent_the_feedback_fades_out(tmp_path: Path) -> None:
-    fault = "{kind='drop', direction='uplink', message='STEERING_FORCE', onset_s=2}"
-    folder, reports = run(
-        tmp_path, *PAIR, *DRIVEN, "--hand-wheel", "two_point", "--duration", "6",
-        "--set", "plant.path.kind=circle", "--set", "plant.path.radius_m=100",
-        "--set", f"plant.faults=[{fault}]",
-    )  # fmt: skip
-    assert node(reports, "hand_wheel")["mode"] == "safe_stop"
-    felt = {float(row["time_s"]): float(row["feedback_torque_n_m"]) for row in rows(folder)}
-    assert felt[1.9] < -0.3
-    assert felt[2.15] == pytest.approx(felt[2.05], abs=0.3)
-    assert felt[5.0] == pytest.approx(0.0, abs=0.1)
-    assert node(reports, "plant_emulator")["peak_m"] < 1.0  # he steers on without it
-
-
 def test_a_car_with_a_rack_is_felt_too(tmp_path: Path) -> None:
     folder, reports = run(
         tmp_path, "--preset", "large_sedan", "--preset", "highway_pd", *DRIVEN,
