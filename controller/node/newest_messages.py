@@ -28,6 +28,10 @@ RECEIVED: tuple[type[Message], ...] = (*SUPERVISED, PathAhead)
 """The messages that the controller receives."""
 _reading = fast_constructor(VehicleReading)
 _APPLYING, _HOLDING = SteeringStatusCode.APPLYING, SteeringStatusCode.HOLDING
+NO_STATUS = SteeringStatus._make(0 for _ in SteeringStatus._fields)._replace(
+    wheel_angle_rad=0.0, status=SteeringStatusCode.NO_COMMAND
+)
+"""What stands for STEERING_STATUS before the first one."""
 SENT = sent_by("CONTROLLER")
 """The messages that the controller alone sends."""
 WHEN_LOST = "waiting for it until Ctrl-C (--exit-with-plant ends by itself)"
@@ -76,9 +80,7 @@ class Received:
         self.errors, self.statuses, self.states = self._checks
         self._limits = settings.age_limits
         self.error = LateralError(lateral_error_m=0.0, heading_error_rad=0.0)
-        self.status = SteeringStatus(
-            wheel_angle_rad=0.0, applied_counter=0, status=SteeringStatusCode.NO_COMMAND
-        )
+        self.status = NO_STATUS
         self.vehicle = NO_VEHICLE
         self.unauthenticated = 0
 

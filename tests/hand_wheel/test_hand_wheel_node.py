@@ -21,13 +21,14 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.hand_wheel.node import HandWheelNode
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
+from tests.support.frames.made_messages import message_with
 
 M = TypeVar("M", bound=Message)
 MS_NS = 1_000_000
 START_NS = 5_000_011
 FORCE_N = -100.0
 """To the right, as in a left turn."""
-OTHER = HandWheelState(hand_wheel_angle_rad=1.0, hand_wheel_rate_rad_s=0.0, driver_torque_n_m=0.0)
+OTHER = message_with(HandWheelState, hand_wheel_angle_rad=1.0)
 
 
 class Road:
@@ -70,12 +71,12 @@ class Road:
 
 
 def force(newtons: float = FORCE_N) -> SteeringForce:
-    return SteeringForce(limited_command_rad=0.0, rack_force_n=newtons)
+    return message_with(SteeringForce, rack_force_n=newtons)
 
 
 def orders(steered_by: SteeredBy, answered: int = 0) -> HandWheelFeedback:
-    return HandWheelFeedback(
-        feedback_torque_n_m=0.0, steering_ratio=16.0, answered_state=answered, steered_by=steered_by
+    return message_with(
+        HandWheelFeedback, steering_ratio=16.0, answered_state=answered, steered_by=steered_by
     )
 
 
@@ -144,9 +145,7 @@ def test_another_hand_wheel_on_the_bus_is_reported() -> None:
 
 def test_while_the_law_steers_the_wheel_follows_the_road_wheels() -> None:
     road = Road(driver={"grip": "hands_off"})
-    status = SteeringStatus(
-        wheel_angle_rad=0.05, applied_counter=0, status=SteeringStatusCode.APPLYING
-    )
+    status = message_with(SteeringStatus, wheel_angle_rad=0.05, status=SteeringStatusCode.APPLYING)
     road.run(2000, force(), status, orders(SteeredBy.LAW))
     assert road.state.hand_wheel_angle_rad == pytest.approx(16.0 * 0.05, abs=0.05)
     # Without a controller the driver steers again, and feels the road.

@@ -13,20 +13,17 @@ from steer_by_wire.dbc.messages import (
     SteeringStatusCode,
     encode,
 )
+from tests.support.frames.made_messages import message_with
 from tests.support.nodes.plant_link import MS_NS, START_NS, Link, link
 
 LATENCY_MS = 30
-LAW = HandWheelFeedback(
-    feedback_torque_n_m=0.0, steering_ratio=20.0, answered_state=0, steered_by=SteeredBy.LAW
-)
+LAW = message_with(HandWheelFeedback, steering_ratio=20.0, steered_by=SteeredBy.LAW)
 LATE = {"downlink": {"model": "constant", "mean_s": LATENCY_MS / 1e3}}
 
 
 def driven(milliseconds: range, angle_rad: float, tested: Link, period_ms: int = 2) -> None:
     for ms in milliseconds[::period_ms]:
-        state = HandWheelState(
-            hand_wheel_angle_rad=angle_rad, hand_wheel_rate_rad_s=0.0, driver_torque_n_m=0.0
-        )
+        state = message_with(HandWheelState, hand_wheel_angle_rad=angle_rad)
         send(tested, state, START_NS + ms * MS_NS, ms // period_ms)
 
 

@@ -24,6 +24,7 @@ from steer_by_wire.dbc.messages import (
     decode,
 )
 from steer_by_wire.runtime.array_types import FloatArray
+from tests.support.frames.made_messages import message_with, motion_of
 
 MASS_KG, INERTIA_KG_M2, FRONT_M, REAR_M, PREVIEW_M = 1750.0, 2900.0, 1.25, 1.5, 2.0
 STIFFNESS_N_RAD = 120e3, 150e3
@@ -138,16 +139,18 @@ def largest_deviation_m(
                 return worst_m
             code = SteeringStatusCode.NO_COMMAND if applied < 0 else SteeringStatusCode.APPLYING
             for message in (
-                LateralError(
+                message_with(
+                    LateralError,
                     lateral_error_m=error_m,
                     heading_error_rad=heading - float(road.heading_rad[preview]),
                 ),
-                SteeringStatus(wheel_angle_rad=wheel, applied_counter=max(applied, 0), status=code),
-                VehicleState(
-                    speed_m_s=speed_m_s,
-                    yaw_rate_rad_s=r,
-                    preview_curvature_1_m=float(road.curvature_1_m[preview]),
+                message_with(
+                    SteeringStatus,
+                    wheel_angle_rad=wheel,
+                    applied_counter=max(applied, 0),
+                    status=code,
                 ),
+                motion_of(speed_m_s, r, float(road.curvature_1_m[preview])),
             ):
                 node.on_frame(senders[type(message)].frame(message), now_ns)
             while node.deadline_ns <= now_ns:
