@@ -107,7 +107,7 @@ def is_known(x: LagState) -> bool:
     if x.alpha + 2.0 * deviation < _NO_LAG_ALPHA:
         return True
     alpha = min(x.alpha, 0.9999)
-    return alpha > deviation and deviation < _RELATIVE_DEVIATION_MAX * alpha * -log(alpha)
+    return alpha > 0.0 and deviation < _RELATIVE_DEVIATION_MAX * alpha * -log(alpha)
 
 
 def chosen(period_s: float, x: LagState) -> int:

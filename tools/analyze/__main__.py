@@ -11,14 +11,16 @@ verdict on how the path was held, by the measured error.
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from steer_by_wire.closed_loop.recordings.held_path import PREVIEW_M
 from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_files
@@ -26,6 +28,7 @@ from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
+from steer_by_wire.plant_emulator.command_line import fail_if_quantities
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
     add_out_argument,
@@ -36,24 +39,20 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
-from steer_by_wire.runtime.program.fail_if_conditions import add_fail_if_argument, fail_status
+from steer_by_wire.runtime.program.fail_if_conditions import (
+    Quantity,
+    add_fail_if_argument,
+    fail_status,
+    of_part,
+)
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import show_or_write, write_json
 from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings, read_table
-from steer_by_wire.tools.analyze.report import report_html, verdict_of
+from steer_by_wire.tools.analyze.report import milliseconds, report_html, verdict_of
 from steer_by_wire.tools.analyze.signal_tables import CsvTable
 
 if TYPE_CHECKING:
     from steer_by_wire.tools.analyze.smoothing import SmoothedTable
-from collections.abc import Mapping
-from typing import Any, NamedTuple
-
-from rich.table import Table
-from rich.text import Text
-
-from steer_by_wire.plant_emulator.command_line import fail_if_quantities
-from steer_by_wire.runtime.program.fail_if_conditions import Quantity, of_part
-from steer_by_wire.tools.analyze.report import milliseconds
 
 QUANTITIES: Mapping[str, Quantity] = {
     **fail_if_quantities.QUANTITIES,

@@ -15,6 +15,7 @@ from steer_by_wire.controller.prediction.lag_filter import (
     NO_LAG,
     LagState,
     chosen,
+    is_known,
     lag_of,
     lag_step,
     lag_to,
@@ -124,6 +125,21 @@ def test_a_lag_between_two_keeps_the_gains_it_has() -> None:
     assert chosen(0.01, x._replace(choice=AS_SET)) == 4
     assert chosen(0.01, x._replace(choice=6)) == 4
     assert chosen(0.01, x._replace(choice=2, variance_aa=1.0)) == 2
+
+
+@pytest.mark.parametrize("lag_s", LAGS_S[1:])
+def test_a_lag_is_known_once_it_deviates_by_a_fifth(lag_s: float) -> None:
+    alpha = float(np.exp(-0.01 / lag_s))
+    deviation_of_a_fifth = 0.2 * lag_s * alpha * 0.01 / lag_s**2  # of alpha: dα/dT = α P / T²
+    x = NO_LAG._replace(alpha=alpha)
+    assert is_known(x._replace(variance_aa=(0.99 * deviation_of_a_fifth) ** 2))
+    assert not is_known(x._replace(variance_aa=(1.01 * deviation_of_a_fifth) ** 2))
+
+
+def test_no_lag_is_known_once_two_deviations_stay_below_a_fifth() -> None:
+    x = NO_LAG._replace(alpha=0.02)
+    assert is_known(x._replace(variance_aa=0.0899**2))
+    assert not is_known(x._replace(variance_aa=0.0901**2))
 
 
 def test_without_a_lag_measuring_it_changes_nothing() -> None:
