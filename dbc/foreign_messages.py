@@ -5,6 +5,7 @@ The databases of other people's vehicles: their signals are not decoded here.
 
 import logging
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +19,8 @@ from ..runtime.settings.settings import encoding_of
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message
 
+_BINARY = re.compile("[\0-\x08\x0e-\x19\x1b-\x1f]")
+"""What no text has; DOS ended a file with \\x1a."""
 CYCLE_MS_MIN, CYCLE_MS_MAX = 0.05, 1e7
 """From less than a frame takes at 1 Mbit/s to some hours [ms]."""
 
@@ -86,7 +89,7 @@ def load_database(path: Path) -> "Database":
     if encoding == "utf-8" and kind in {"dbc", "sym"}:  # as Vector's and PEAK's tools write them
         encoding = "cp1252"
     text = raw.decode(encoding, errors="replace")
-    if "\0" in text:
+    if _BINARY.search(text):
         raise SettingsError(f"{path}: is a binary file, no database of CAN messages")
     with bounded(path):
         try:

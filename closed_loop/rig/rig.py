@@ -148,7 +148,7 @@ class Rig:
                 outcome = self._in_virtual_time(ControllerNode(settings, 0), plant, files)
         else:
             own, foreign = HandWheelSettings(), None
-            if callable(hand_wheel) or isinstance(hand_wheel, list | tuple):
+            if callable(hand_wheel) or (isinstance(hand_wheel, list | tuple) and hand_wheel):
                 foreign = hand_wheel
             else:
                 given: Any = hand_wheel

@@ -22,7 +22,7 @@ from pydantic import Field
 
 from ...dbc.messages import LawNumber
 from ...runtime.settings import Settings, SettingsError
-from ..law_interface import LawInput, LawOutput, Schedule, VehicleBelief
+from ..law_interface import LawInput, LawOutput, Schedule
 from ..prediction.gains_over_speed import steady_turn_rad
 from ..prediction.horizon import STEP_S, STEPS, HorizonParams, design_horizon, first_command, vector
 from ..prediction.prediction import predict
@@ -220,11 +220,6 @@ def mpc_after_hold(p: MpcParams, x: MpcState, lateral_error_m: float) -> MpcStat
     return MpcState(after, Curve(-1, 0.0, 0.0), x.speed_m_s_max)
 
 
-def mpc_believes(settings: "LawSettings", x: MpcState) -> VehicleBelief:
-    """Return the model of the settings."""
-    return predictor_believes(settings, x.predictor)
-
-
 def mpc_asks_speed(settings: "LawSettings") -> Callable[[MpcState], float] | None:
     """Return what gives the speed not to be exceeded [m/s]; None where the settings never ask."""
     return _asked_m_s if settings.table_of(MpcSettings).asks_to_slow_down else None
@@ -281,6 +276,6 @@ LAW = predictor.LAW._replace(
     settings=MpcSettings,
     needs=(predictor.NAME, *predictor.LAW.needs),
     after_hold=mpc_after_hold,
-    believes=mpc_believes,
+    believes=lambda settings, x: predictor_believes(settings, x.predictor),
     asks_speed=mpc_asks_speed,
 )

@@ -112,16 +112,6 @@ def packet_plan(p: PacketParams, x: PredictorState, observed: LawInput) -> int:
         z = step_on_path(gains, loop_delay, history, z, steer_rad)
 
 
-def packet_at_rest(p: PacketParams, lateral_error_m: float) -> PredictorState:
-    """Return the state after a constant lateral error [m] and no steering."""
-    return predictor_at_rest(p.predictor, lateral_error_m)
-
-
-def packet_after_hold(p: PacketParams, x: PredictorState, lateral_error_m: float) -> PredictorState:
-    """Return the state after a hold: the predictor's."""
-    return predictor_after_hold(p.predictor, x, lateral_error_m)
-
-
 def design_packet(settings: "LawSettings") -> Schedule:
     """Return the parameters as a function of the speed; raises as ``design_predictor``."""
     if settings.estimator.actuator_dead_time_s:
@@ -137,12 +127,12 @@ def design_packet(settings: "LawSettings") -> Schedule:
 
 LAW = predictor.LAW._replace(
     step=packet_step,
-    at_rest=packet_at_rest,
+    at_rest=lambda p, error_m: predictor_at_rest(p.predictor, error_m),
     design=design_packet,
     number=LawNumber.PACKET,
     settings=PacketSettings,
     needs=(predictor.NAME, *predictor.LAW.needs),
-    after_hold=packet_after_hold,
+    after_hold=lambda p, x, error_m: predictor_after_hold(p.predictor, x, error_m),
     plan=packet_plan,
     single_commands=predictor.NAME,  # classic CAN has no frame for a plan
 )

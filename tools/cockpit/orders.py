@@ -6,6 +6,7 @@ the other way: the virtual coupling of Colgate, Stanley and Brown, Issues in the
 tool use, IROS 1995.
 """
 
+import errno
 import importlib
 import math
 import mmap
@@ -140,7 +141,9 @@ def open_wheel(device: Path) -> tuple[Any, Any]:
     try:
         opened = evdev.InputDevice(str(device))
     except OSError as error:
-        raise SettingsError(f"--usb-wheel {device}: cannot be opened: {cause_of(error)}") from error
+        is_none = error.errno in (errno.ENOTTY, errno.EISDIR)
+        what = "is no input device" if is_none else f"cannot be opened: {cause_of(error)}"
+        raise SettingsError(f"--usb-wheel {device}: {what}") from error
     codes, able = evdev.ecodes, opened.capabilities()
     axis, forces = dict(able.get(codes.EV_ABS, ())).get(codes.ABS_X), able.get(codes.EV_FF, ())
     if axis is None or axis.min >= axis.max or codes.FF_CONSTANT not in forces:

@@ -1,7 +1,7 @@
 """Writes the report of a study: pictures as PNG, and one page with all of them."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -118,8 +118,9 @@ def write(folder: Path) -> tuple[Path, list[str]]:
     study, rows = read_results(folder)
     found = law_by_delay(study, rows)
     of_wheel, lines = hand_wheel_section(study, rows)
+    used_up = _grip(study, rows)
     sections = [
-        study_section(study, rows),
+        study_section(study, rows, used_up),
         *of_wheel,
         *reaction_sections(study, rows),
         *([] if found is None else [_laws(study, found, folder)]),
@@ -129,7 +130,6 @@ def write(folder: Path) -> tuple[Path, list[str]]:
     held = np.count_nonzero(rows.verdict == HOLDS)
     verdict = f"{held:,} of {len(rows.id):,} runs hold the path"
     write_text(file, page(f"Study {study.settings.name}", sections, verdict))
-    used_up = _grip(study, rows)
     if found is None or not study.settings.report.largest_deviation:
         return file, [*lines, *used_up]
     return file, [*lines, *largest_deviations(found), *used_up]
@@ -153,8 +153,8 @@ _LABELS_SHOWN = 16
 _DURATION = "plant.duration_s"
 
 
-def study_section(study: Study, rows: Rows) -> Section:
-    """Return the settings of the study, and how its runs ended."""
+def study_section(study: Study, rows: Rows, notes: Sequence[str]) -> Section:
+    """Return the settings of the study, and how its runs ended, with ``notes`` below."""
     sampling, runs = study.settings.sampling, len(rows.id)
     size = f"{runs:,} runs" if runs == study.runs else f"{runs:,} of {study.runs:,} runs so far"
     texts = {
@@ -186,9 +186,7 @@ def study_section(study: Study, rows: Rows) -> Section:
         ],
     )
     title = study.settings.title or "Latency and jitter, law by law"
-    return Section(
-        title, (), tables=(settings, verdicts), notes=[*_warnings(study, rows), *_grip(study, rows)]
-    )
+    return Section(title, (), tables=(settings, verdicts), notes=[*_warnings(study, rows), *notes])
 
 
 def _grip(study: Study, rows: Rows) -> list[str]:

@@ -79,8 +79,8 @@ def test_a_cycle_time_below_zero_is_none(tmp_path: Path) -> None:
     ("content", "said"),
     [
         (b"", "is empty"),
-        (b"\x7fELF" + bytes(900), "is a binary file, no database of CAN messages"),
-        (b"BO_ \x01" + 900 * b"\x7f\x02 ", r"no \.dbc file that cantools reads: .{,440}"),
+        (b"\x7fELF\x02\x01" + 900 * b"\xff", "is a binary file, no database of CAN messages"),
+        (b"BO_ ?" + 900 * b"\x7f? ", r"no \.dbc file that cantools reads: .{,440}"),
     ],
 )
 def test_a_file_that_is_no_database_is_refused_briefly(

@@ -121,6 +121,12 @@ def test_what_has_no_force_or_no_way_is_no_usb_wheel(evdev: MagicMock, lacks: st
         open_wheel(Path("/dev/input/event0"))
 
 
+def test_what_is_no_input_device_is_said(evdev: MagicMock) -> None:
+    evdev.InputDevice.side_effect = OSError(errno.ENOTTY, "Inappropriate ioctl for device")
+    with pytest.raises(SettingsError, match=r"^--usb-wheel /dev/null: is no input device$"):
+        open_wheel(Path("/dev/null"))
+
+
 def test_a_car_is_asked_for_the_visitors_speed_and_stops_without_him(tmp_path: Path) -> None:
     file = HandFile(tmp_path / "hand")
     seat = Seat(HandNode(file, START_NS), file, START_NS, pedals=True)
