@@ -100,6 +100,8 @@ LONGEST = (
     "test_studies_over_a_bus", "test_demo", "test_controller_program", "test_study_report",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""
+PREDICTORS = ("test_mpc", "test_packet_network", "test_lag_filter", "test_mass_filter")
+"""Modules for one worker: the laws that they compile have most of their functions in common."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -117,12 +119,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Hand out the tests file by file, the files with some for vcan0 together and first."""
+    """Hand out the tests file by file; together those of PREDICTORS, and first those for vcan0."""
     from xdist.scheduler import LoadScopeScheduling
 
     def group_of(nodeid: str) -> str:
         file = nodeid.partition("::")[0]
-        return MARK if has_marked(ROOT / file) else file
+        group = PREDICTORS[0] if Path(file).stem in PREDICTORS else file
+        return MARK if has_marked(ROOT / file) else group
 
     config.option.loadscopereorder = False
     scheduler = LoadScopeScheduling(config, log)

@@ -42,28 +42,6 @@ def checked(capsys: Capture, *arguments: str) -> str:
 # Settings
 
 
-@pytest.mark.parametrize(
-    ("line", "parts"),
-    [
-        ("rate_hz = 0.5", ["rate_hz = 0.5", "1.0", "1000"]),
-        ("law = 'lqr'", ["law", "lqr", "pd_ddob"]),
-        ("limits.steer_rad_max = 2.0", ["limits.steer_rad_max = 2", "0.0", "1.31071"]),
-        ("supervision.hold_s = 1", ["supervision.hold_s", "supervision.hold_ms"]),
-    ],
-)
-def test_a_bad_setting_is_one_line_naming_file_key_value_and_range(
-    tmp_path: Path, capsys: Capture, line: str, parts: list[str]
-) -> None:
-    file = tmp_path / "car.toml"
-    text = MINIMAL.replace('law = "pd"\n', "") if line.startswith("law") else MINIMAL
-    file.write_text(f"{line}\n{text}", encoding="utf-8")
-    assert main([str(file), "--check"]) == ExitStatus.SETTINGS
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    (error,) = captured.err.splitlines()
-    assert all(part in error for part in [str(file), *parts])
-
-
 def test_the_angle_limit_may_reach_what_the_signal_carries() -> None:
     reach_rad = limits(SteeringCommand)["steer_rad"].maximum
     settings = preset("practical_pd", f"limits.steer_rad_max={reach_rad}")

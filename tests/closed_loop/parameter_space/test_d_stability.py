@@ -2,7 +2,6 @@
 
 import math
 
-import control
 import numpy as np
 import pytest
 
@@ -87,6 +86,8 @@ def test_a_root_of_a_sampled_loop_stands_for_its_logarithm() -> None:
 
 
 def test_the_published_gains_place_the_dominant_pair_as_specified() -> None:
+    import control  # and with it pyplot, which every worker would load when it collects
+
     plant = control.tf([227.6, 8.479e4, 3.627e4], [1.0, 459.2, 3.329e4, 0.0, 0.0])
     loop = control.feedback(plant * control.tf([0.939, 1.0596], [1.0]))
     by_control = np.sort_complex(control.poles(loop))

@@ -131,24 +131,6 @@ def test_windows_too_short_for_a_rhythm_let_no_limit_cycle_hold(tmp_path: Path) 
     assert {one for one, _ in found[6:]} == {Verdict.LIMIT_CYCLE}
 
 
-def test_what_is_metres_off_when_it_ends_does_not_hold(tmp_path: Path) -> None:
-    gains = "pd.proportional_gain_rad_m = 0.02\npd.derivative_gain_rad_s_m = 0.02"
-    text = f"""
-[base]
-plant_preset = "paper_nominal"
-controllers = ["practical_pd"]
-[base.plant]
-duration_s = 60.0
-path = "straight"
-disturbance = {{ steps = [{{ at_s = 1.0, steering_offset_rad = 0.2 }}] }}
-[base.controller]
-{gains}
-"""
-    found, at = judged(make_scenarios(tmp_path, text), 0)
-    assert at["end_peak_m"] > 5.0
-    assert found is Verdict.LEFT_ROAD
-
-
 # Warnings about short runs
 
 

@@ -20,7 +20,6 @@ from steer_by_wire.closed_loop.studies.compiled_figures import (
     verdicts,
 )
 from steer_by_wire.dbc.messages import LateralError, limits
-from steer_by_wire.plant_emulator.evaluation.error_windows import WindowFigures, window_figures
 from steer_by_wire.plant_emulator.evaluation.held_figures import HeldRules
 from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.evaluation.run_record import RunningFigures
@@ -33,7 +32,6 @@ from steer_by_wire.plant_emulator.evaluation.run_verdict import (
     judge,
     samples_judged,
 )
-from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.path.corridor import Outside
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from tests.support.suite.combinations import combined, sampled
@@ -193,22 +191,7 @@ def test_the_plant_judges_a_run_as_a_study_does(delay_s: float, noise_m: float) 
     assert latency_figures(run.plant.downlink_latency_s).mean_s == pytest.approx(delay_s)
 
 
-def test_without_two_windows_the_figures_are_not_numbers() -> None:
-    found = window_figures([1.0, -3.0, 2.0], [0.0] * 3, 8, 0.01)
-    assert found.end_peak_m == 3.0
-    others = [getattr(found, name) for name in WindowFigures._fields if name != "end_peak_m"]
-    assert all(map(math.isnan, others))
-
-
 # Who limits
-
-
-def test_a_plant_that_nobody_commands_has_not_started() -> None:
-    node = PlantNode(PlantSettings(duration_s=1.0), 0)
-    node.on_tick(500_000_000)
-    report = node.report()
-    assert report["verdict"] == "no start"
-    assert verdict_text(report) == "no start: no command ever reached the plant"
 
 
 @pytest.mark.parametrize(
