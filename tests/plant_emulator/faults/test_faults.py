@@ -228,6 +228,7 @@ def test_a_run_is_the_same_to_the_last_bit_until_a_fault_begins() -> None:
             "signal of LATERAL_ERROR must be lateral_error_m or heading_error_rad",
         ),
         ('kind="drop", direction="uplink", signal="steer_rad"', "leave signal out"),
+        ('kind="stuck_wheel", direction="steering", message="X"', "leave message out"),
         ('kind="melt", direction="uplink"', "faults[0].kind"),
         ('kind="drop", direction="uplink", onset_s=-1', "faults[0].onset_s"),
     ],

@@ -24,7 +24,6 @@ from steer_by_wire.dbc.messages import (
     PlantStatus,
     SteeringCommand,
     SteeringStatus,
-    SteeringStatusCode,
     VehicleState,
     decode,
 )
@@ -107,28 +106,6 @@ def test_every_message_flows_and_its_counters_step_by_one(
     assert {command.mode for command in commands} <= {Mode.ACTIVE, Mode.HOLDING, Mode.SAFE_STOP}
 
 
-def test_no_echo_comes_back_before_the_latencies_have_passed(
-    recorded: Recorded, first_run: PairResult
-) -> None:
-    sent_s: dict[int, float] = {}
-    round_trips_s = []
-    for at_s, message, _ in recorded:
-        if isinstance(message, SteeringCommand):
-            sent_s[message.command_counter] = at_s
-        elif (
-            isinstance(message, SteeringStatus)
-            and message.status is not SteeringStatusCode.NO_COMMAND
-            and message.applied_counter in sent_s
-        ):
-            round_trips_s.append(at_s - sent_s.pop(message.applied_counter))
-    periods = DURATION_S / CONTROL_PERIOD_S
-    assert len(round_trips_s) > 0.5 * (periods - sum(skipped(first_run)))
-    assert round_trips_s
-    slewed_s = 5e-4  # the recorder's clock is the wall clock, which may be adjusted meanwhile
-    assert min(round_trips_s) >= DOWNLINK_S + UPLINK_S - slewed_s
-    assert first_run.controller["node"]["round_trip"]["mean_s"] >= DOWNLINK_S + UPLINK_S
-
-
 def test_both_reports_are_complete(first_run: PairResult) -> None:
     for report in (first_run.plant, first_run.controller):
         assert {"program", "ended_by", "bus", "settings", "loop", "node", "host"} <= {*report}
@@ -139,6 +116,7 @@ def test_both_reports_are_complete(first_run: PairResult) -> None:
     assert first_run.plant["settings"] == PLANT.model_dump(mode="json")
     assert first_run.controller["settings"] == CONTROLLER.model_dump(mode="json")
     assert first_run.plant["node"]["motion_s"] >= DURATION_S
+    assert first_run.controller["node"]["round_trip"]["mean_s"] >= DOWNLINK_S + UPLINK_S
     assert len(first_run.trace.time_s) == first_run.plant["node"]["samples"]
 
 
