@@ -17,7 +17,7 @@ from ..runtime.program.report import causes_line
 from ..runtime.program.run_node import Edge
 from ..runtime.settings import SettingsError
 from .bus_language import BusLanguage
-from .messages import CAN_IDS, HandWheelState, Message
+from .messages import CAN_IDS, Message, sent_by
 from .secoc.authenticated_node import AuthenticatedNode
 from .secoc.key_file import open_authentication
 from .secoc.secured_frame import STATUS_SENT_BY, Refused
@@ -51,21 +51,20 @@ def open_edge(
     ``end``    None for a hand wheel
     ``known``  the messages that the node receives, and those that only it may send
 
-    Raises SettingsError for a key file that cannot be used, and for a key with a hand wheel.
+    Raises SettingsError for a key file that cannot be used.
     """
     if language.car is not None:
         return _of_car(end, options, language.car)
     can_ids = {CAN_IDS[message_type] for message_type in known}
     if options.key_file is None:
-        return Edge(can_ids, UNAUTHENTICATED if end else "", say_figures=_say_refused)
-    if end is None or HandWheelState in known:
-        raise SettingsError(
-            "--key-file: each end proves to the other that it is there, and a hand wheel is a"
-            " third: leave out the key, or [hand_wheel]"
-        )
-    authentication = open_authentication(options.key_file, end)
+        return Edge(can_ids, UNAUTHENTICATED, say_figures=_say_refused)
+    own = "HAND_WHEEL" if end is None else end.name
+    peers = [
+        name for name in STATUS_SENT_BY if name != own and not {*known}.isdisjoint(sent_by(name))
+    ]
+    authentication = open_authentication(options.key_file, peers)
     options.fd = True
-    can_ids.add(CAN_IDS[STATUS_SENT_BY[end.peer]])
+    can_ids |= {CAN_IDS[STATUS_SENT_BY[name]] for name in peers}
     secured = partial(AuthenticatedNode, authentication=authentication)
     return Edge(can_ids, AUTHENTICATED, secured, _say_refused)
 

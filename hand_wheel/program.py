@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from ..dbc.bus_language import BusLanguage, add_dialect_argument, read_language
-from ..dbc.edge import open_edge
+from ..dbc.edge import add_key_file_argument, open_edge
 from ..dbc.messages import (
     CAN_IDS,
     MESSAGE_TYPES,
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every cycle, CSV")
     add_fail_if_argument(parser, ENDING.quantities)
     add_dialect_argument(parser)
-    parser.set_defaults(key_file=None)
+    add_key_file_argument(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 

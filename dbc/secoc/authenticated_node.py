@@ -61,7 +61,7 @@ class AuthenticatedNode(Wrapper[N]):
     def report(self) -> Mapping[str, Any]:
         """Return the node's report, with the figures of authentication under ``authentication``.
 
-        ``synchronised``  whether the peer binds its frames to this end's challenge
+        ``synchronised``  whether every peer has answered this end's challenge
         ``verified``      frames that were authentic and new
         ``refused``       the others, by cause; the node's ``rejected`` does not contain them
         """

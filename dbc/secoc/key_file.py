@@ -13,11 +13,10 @@ import errno
 import os
 import stat
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from ...runtime.command_line import installation
-from ...runtime.node.end import End
 from ...runtime.settings import SettingsError
 from .authentication import Authentication, ComputeMac, first_counter_at
 from .secured_frame import CHALLENGE_LENGTH
@@ -30,15 +29,15 @@ _READ_MAX = 4 * _DIGITS
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
-def open_authentication(path: Path, end: End) -> Authentication:
-    """Start one end with the key in ``path``; raises SettingsError.
+def open_authentication(path: Path, peers: Collection[str]) -> Authentication:
+    """Start one end, of these peers, with the key in ``path``; raises SettingsError.
 
     Its challenge comes from the operating system's random generator: it is the only number here
     that must not come from a seed.
     """
     compute_mac = read_key(path)
     challenge = os.urandom(CHALLENGE_LENGTH)
-    return Authentication(end, compute_mac, challenge, first_counter_at(time.time_ns()))
+    return Authentication(peers, compute_mac, challenge, first_counter_at(time.time_ns()))
 
 
 def read_key(path: Path) -> ComputeMac:

@@ -1,6 +1,6 @@
 """The authenticated form of our messages: CAN FD frames with the message's own payload in front.
 
-    every message of the nodes but the four below, 20 bytes
+    every message of the nodes but the five below, 20 bytes
 
         bytes 0 to 7    payload, as in the classic frame: E2E header and signals
         bytes 8 to 11   freshness counter, its lowest 32 bits
@@ -12,10 +12,10 @@
         bytes 48 to 51  freshness counter, its lowest 32 bits
         bytes 52 to 63  CMAC, its highest 96 bits
 
-    CONTROLLER_STATUS and PLANT_STATUS, which synchronise the freshness, 48 bytes
+    CONTROLLER_STATUS, PLANT_STATUS and HAND_WHEEL_STATUS, which synchronise the freshness, 48 bytes
 
         bytes 0 to 7    payload, as in the classic frame
-        bytes 8 to 15   challenge: the number that frames sent to this sender are to be bound to
+        bytes 8 to 15   challenge: the number that frames of this sender are bound to
         bytes 16 to 23  echo: the challenge that this message answers
         bytes 24 to 31  freshness counter, all 64 bits
         bytes 32 to 47  CMAC, all 128 bits
@@ -30,12 +30,12 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from ...runtime.frame import BITRATE_SWITCH, FD, Frame
-from ...runtime.node.end import End
 from ..messages import (
     CAN_IDS,
     CODECS,
     DATA_IDS,
     ControllerStatus,
+    HandWheelStatus,
     Message,
     PathAhead,
     PlantStatus,
@@ -80,9 +80,13 @@ _LONG_LENGTH = CODECS[SteeringPlan].length
 LONG = Layout(_LONG_LENGTH, _LONG_LENGTH, 4, 12)
 """Its CMAC is longer, because CAN FD has no length between 48 and 64 bytes."""
 
-SYNC_TYPES: tuple[type[Message], ...] = (ControllerStatus, PlantStatus)
-"""Sent ten times a second by both programs, whatever they are doing."""
-_LONGER = {**dict.fromkeys(SYNC_TYPES, SYNC), SteeringPlan: LONG, PathAhead: LONG}
+STATUS_SENT_BY: Mapping[str, type[Message]] = {
+    "PLANT": PlantStatus,
+    "CONTROLLER": ControllerStatus,
+    "HAND_WHEEL": HandWheelStatus,
+}
+"""Sent ten times a second by each node of the DBC, whatever it is doing."""
+_LONGER = {**dict.fromkeys(STATUS_SENT_BY.values(), SYNC), SteeringPlan: LONG, PathAhead: LONG}
 LAYOUTS: Mapping[int, Layout] = {
     can_id: _LONGER.get(message_type, DATA)
     for message_type, can_id in CAN_IDS.items()
@@ -101,16 +105,9 @@ class Refused(StrEnum):
     REPLAYED = "replayed"
     """Authentic, but not newer than the newest accepted frame of its identifier."""
     UNSYNCHRONISED = "unsynchronised"
-    """Not bound to the challenge of this end: the sender does not know it yet, or the frame is from
-    before this end started."""
+    """Its sender has not yet answered the challenge of this end, or not yet received any."""
     NO_KEY = "no_key"
     """A secured frame, but this end has no key to check it."""
-
-
-STATUS_SENT_BY: Mapping[End, type[Message]] = {
-    End.PLANT: PlantStatus,
-    End.CONTROLLER: ControllerStatus,
-}
 
 
 def is_secured(frame: Frame) -> bool:

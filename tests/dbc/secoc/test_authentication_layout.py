@@ -33,7 +33,6 @@ from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from tests.support.frames.authenticated_ends import (
     COMMAND,
-    CONTROLLER_CHALLENGE,
     CONTROLLER_STATUS,
     FROM_PLANT,
     KEY,
@@ -89,13 +88,14 @@ def definition_of(can_id: int, freshness_bits: int) -> Message:
     return definition
 
 
-@given(st.sampled_from(FROM_PLANT), st.integers(0, 2**63 - 1))
+@given(st.sampled_from(FROM_PLANT), st.integers(1, 2**63 - 1))
 def test_a_secured_frame_is_the_one_that_cantools_makes(frame: Frame, counter: int) -> None:
-    sender = plant(first_counter=counter)
+    sender = plant(first_counter=counter - 1)
     sender.verify(controller().secure(CONTROLLER_STATUS))
+    sender.secure(PLANT_STATUS)
     secured = sender.secure(frame)
     compute_mac = cmac_maker()(KEY)
-    freshness = int.from_bytes(CONTROLLER_CHALLENGE, "big") << 64 | counter
+    freshness = int.from_bytes(PLANT_CHALLENGE, "big") << 64 | counter
     arguments = (
         definition_of(frame.can_id, freshness_bits=128),
         lambda _definition, text, _freshness: compute_mac(text),
@@ -123,7 +123,7 @@ def test_what_is_authenticated_is_as_documented() -> None:
     """Data ID, payload, challenge, counter: written out, with the CMAC's highest 64 bits."""
     _, sender = met(first_counter=1000)
     secured = sender.secure(FROM_PLANT[0])
-    text = (0xA110).to_bytes(2, "big") + FROM_PLANT[0].data + CONTROLLER_CHALLENGE
+    text = (0xA110).to_bytes(2, "big") + FROM_PLANT[0].data + PLANT_CHALLENGE
     text += (1001).to_bytes(8, "big")
     assert secured.data[8:12] == (1001).to_bytes(4, "big")
     assert secured.data[12:] == cmac_maker()(KEY)(text)[:8]

@@ -8,25 +8,31 @@ from steer_by_wire.dbc.secoc.authentication import Authentication, Challenges, n
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
 from steer_by_wire.dbc.secoc.secured_frame import Refused
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
-from steer_by_wire.runtime.node.end import End
 from tests.support.frames.authenticated_ends import (
     COMMAND,
     CONTROLLER_STATUS,
     FROM_PLANT,
+    HAND_WHEEL_STATE,
+    HAND_WHEEL_STATUS,
     KEY,
     PLANT_STATUS,
     flipped,
 )
 from tests.support.frames.made_messages import path_ahead_of
 
-DRIVES, EVENTS = 25, 80
-STATUS_IDS = (CONTROLLER_STATUS.can_id, PLANT_STATUS.can_id)
+DRIVES, EVENTS = 25, 160
 LONG_IDS = (CAN_IDS[SteeringPlan], CAN_IDS[PathAhead])
 PATH_AHEAD = encode(
     path_ahead_of((0.01 for _ in PathAhead._fields[2:]), path_sample=1, path_spacing_m=1.0), 4
 )
 NO_CHALLENGE = bytes(8)
-SENT_BY = ((COMMAND, CONTROLLER_STATUS), (*FROM_PLANT, PATH_AHEAD, PLANT_STATUS))
+NAMES = ("CONTROLLER", "PLANT", "HAND_WHEEL")
+SENT_BY = (
+    (COMMAND, CONTROLLER_STATUS),
+    (*FROM_PLANT, PATH_AHEAD, PLANT_STATUS),
+    (HAND_WHEEL_STATE, HAND_WHEEL_STATUS),
+)
+STATUS_IDS = tuple(sent[-1].can_id for sent in SENT_BY)
 compute_mac = cmac_maker()(KEY)
 
 
@@ -43,72 +49,89 @@ def mac_of(can_id: int, secured: bytes, challenge: bytes, counter: int) -> bytes
 class Told:
     """One end as the document tells it."""
 
-    def __init__(self, peer_status_id: int, challenge: bytes, counter: int) -> None:
-        self.peer_status_id, self.challenge, self.counter = peer_status_id, challenge, counter
-        self.peer_challenge = NO_CHALLENGE
-        self.known = 0
-        self.unproven = Challenges()
+    def __init__(self, side: int, challenge: bytes, counter: int) -> None:
+        self.challenge, self.counter, self.turn = challenge, counter, 0
+        self.others = [other for other in range(3) if other != side]
+        self.proven = dict.fromkeys(self.others, NO_CHALLENGE)
+        self.known = dict.fromkeys(self.others, 0)
+        self.unproven = {other: Challenges() for other in self.others}
         self.newest: dict[int, int] = {}
-        self.is_synchronised = False
+        self.has_answered = False
+
+    @property
+    def is_synchronised(self) -> bool:
+        return NO_CHALLENGE not in self.proven.values()
+
+    def echo(self) -> bytes:
+        for _ in self.others:
+            other = self.others[self.turn % 2]
+            self.turn += 1
+            answer = self.unproven[other].answer() or self.proven[other]
+            if answer != NO_CHALLENGE:
+                self.has_answered = True
+                return answer
+        return NO_CHALLENGE
 
     def secure(self, frame: Frame) -> Frame:
         can_id, secured, _ = frame
         _, counter_length, mac_length = layout_of(can_id)
         counter, self.counter = self.counter, self.counter + 1
         if can_id in STATUS_IDS:
-            secured += self.challenge + (self.unproven.answer() or self.peer_challenge)
+            secured += self.challenge + self.echo()
             mac = mac_of(can_id, secured, b"", counter)
-        elif self.peer_challenge == NO_CHALLENGE:
-            mac = bytes(mac_length)
+        elif self.has_answered:
+            mac = mac_of(can_id, secured, self.challenge, counter)
         else:
-            mac = mac_of(can_id, secured, self.peer_challenge, counter)
+            mac = bytes(mac_length)
         sent = counter.to_bytes(16, "big")[-counter_length:]
         return Frame(can_id, secured + sent + mac, FD | BITRATE_SWITCH)
 
     def verify(self, frame: Frame) -> Frame | Refused:
         can_id, data, _ = frame
         secured_length, counter_length, mac_length = layout_of(can_id)
-        if len(data) != secured_length + counter_length + mac_length:
+        sender = next(side for side in range(3) if can_id in {one.can_id for one in SENT_BY[side]})
+        length = secured_length + counter_length + mac_length
+        if sender not in self.others or len(data) != length:
             return Refused.UNAUTHENTICATED
-        secured, mac = data[:secured_length], data[-mac_length:]
+        secured, mac, newest = data[:secured_length], data[-mac_length:], self.newest.get
         sent = int.from_bytes(data[secured_length:-mac_length], "big")
         if can_id not in STATUS_IDS:
-            wraps = self.known >> 32
-            near = [sent + (wraps + wrap << 32) for wrap in (-1, 0, 1)]
-            counter = min((one for one in near if one >= 0), key=lambda one: abs(one - self.known))
-            if mac != mac_of(can_id, secured, self.challenge, counter):
-                is_forged = self.is_synchronised and mac != bytes(mac_length)
-                return Refused.FORGED if is_forged else Refused.UNSYNCHRONISED
-            if counter <= self.newest.get(can_id, -1):
+            if self.proven[sender] == NO_CHALLENGE or mac == bytes(mac_length):
+                return Refused.UNSYNCHRONISED
+            known = self.known[sender]
+            near = [sent + ((known >> 32) + wrap << 32) for wrap in (-1, 0, 1)]
+            counter = min((one for one in near if one >= 0), key=lambda one: abs(one - known))
+            if mac != mac_of(can_id, secured, self.proven[sender], counter):
+                return Refused.FORGED
+            if counter <= newest(can_id, -1):
                 return Refused.REPLAYED
             self.newest[can_id] = counter
-            self.known = max(self.known, counter)
+            self.known[sender] = max(known, counter)
             return frame._replace(data=secured, flags=PATH_AHEAD.flags if can_id in LONG_IDS else 0)
-        if can_id != self.peer_status_id:
-            return Refused.UNAUTHENTICATED
         if mac != mac_of(can_id, secured, b"", sent):
             return Refused.FORGED
-        challenge, echo = secured[8:16], secured[16:]
-        is_proof = echo == self.challenge
-        is_old = sent <= self.newest.get(can_id, -1)
-        if is_old or not (is_proof or self.unproven.add(challenge, sent)):
+        if sent <= newest(can_id, -1):
             return Refused.REPLAYED
-        if is_proof or not self.is_synchronised:
-            self.peer_challenge, self.known = challenge, sent
-        if not is_proof:
-            return Refused.UNSYNCHRONISED
-        self.is_synchronised = True
+        challenge, echo = secured[8:16], secured[16:]
+        if challenge != self.proven[sender] and echo != self.challenge:
+            is_new = self.unproven[sender].add(challenge, sent)
+            return Refused.UNSYNCHRONISED if is_new else Refused.REPLAYED
+        if challenge != self.proven[sender]:
+            self.proven[sender] = challenge
+            self.known[sender] = sent
+            self.newest |= {one.can_id: sent for one in SENT_BY[sender]}
         self.newest[can_id] = sent
+        self.known[sender] = max(self.known[sender], sent)
         return frame._replace(data=secured[:8], flags=0)
 
 
 def drive(random: Random) -> None:
-    """Let two ends of both kinds live through the same link."""
-    counters = [random.choice((0, 0, 2**31 - 9, 2**32 - 1, 2**40 - 9)) for _ in range(2)]
-    ends = [started(side, random, counters) for side in range(2)]
+    """Let three ends of both kinds live through the same link."""
+    counters = [random.choice((0, 0, 2**31 - 9, 2**32 - 1, 2**40 - 9)) for _ in range(3)]
+    ends = [started(side, random, counters) for side in range(3)]
     on_wire: list[tuple[Frame, int]] = []
     for _ in range(EVENTS):
-        side = random.randrange(2)
+        side = random.randrange(3)
         if random.random() < 0.03:
             counters = [one + random.choice((2**20, 2**31, 2**33)) for one in counters]
             ends[side] = started(side, random, counters)
@@ -116,22 +139,22 @@ def drive(random: Random) -> None:
         if random.random() < 0.1:  # frames that nobody received
             lost = random.choice((1, 2**30, 2**31 - 40))
             real._counter, told.counter = real._counter + lost, told.counter + lost
-        if random.random() < 0.5:
+        if random.random() < 0.3:
             frame = random.choice((*SENT_BY[side], SENT_BY[side][-1]))
             secured = real.secure(frame)
             assert secured == told.secure(frame)
-            on_wire.append((secured, 1 - side))
+            on_wire.append((secured, side))
             continue
         if not on_wire:
             continue
         near = min(random.choice((1, 1, 1, 3, 30)), len(on_wire))
-        frame, receiver = on_wire[-random.randint(1, near)]
+        frame, sender = on_wire[-random.randint(1, near)]
         if random.random() < 0.1:
             frame = flipped(frame, random.randrange(8 * len(frame.data)))
         if random.random() < 0.05:
             frame = frame._replace(data=frame.data[:-1])
-        receiver = 1 - receiver if random.random() < 0.05 else receiver
-        real, told = ends[receiver]
+        shift = 0 if random.random() < 0.05 else random.randint(1, 2)
+        real, told = ends[(sender + shift) % 3]
         assert real.verify(frame) == told.verify(frame)
         assert real.is_synchronised is told.is_synchronised
 
@@ -139,13 +162,16 @@ def drive(random: Random) -> None:
 def started(side: int, random: Random, counters: list[int]) -> tuple[Authentication, Told]:
     """Return an end after its start, and what is told of it."""
     challenge = random.randbytes(8)
-    real = Authentication((End.CONTROLLER, End.PLANT)[side], compute_mac, challenge, counters[side])
-    return real, Told(STATUS_IDS[1 - side], challenge, counters[side])
+    peers = [name for name in NAMES if name != NAMES[side]]
+    return (
+        Authentication(peers, compute_mac, challenge, counters[side]),
+        Told(side, challenge, counters[side]),
+    )
 
 
 def refuses(challenge: bytes, counter: int) -> bool:
     try:
-        Authentication(End.PLANT, compute_mac, challenge, counter)
+        Authentication(["PLANT"], compute_mac, challenge, counter)
     except ValueError:
         return True
     return False

@@ -13,7 +13,6 @@ from steer_by_wire.dbc.messages import ControllerStatus, encode
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.key_file import _obstacle, cmac_maker, open_authentication, read_key
 from steer_by_wire.dbc.secoc.secured_frame import Refused
-from steer_by_wire.runtime.node.end import End
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.frames.made_messages import message_with
 
@@ -132,7 +131,7 @@ def test_what_is_no_key_is_refused_without_showing_it(file: Path, text: bytes) -
 
 def test_no_object_gives_the_key_away(file: Path) -> None:
     """Neither by its text nor by any attribute that leads to bytes or text."""
-    authentication = open_authentication(file, End.CONTROLLER)
+    authentication = open_authentication(file, ["PLANT"])
     seen: set[int] = set()
     queue: list[object] = [authentication, read_key(file)]
     while queue:
@@ -149,7 +148,7 @@ def test_no_object_gives_the_key_away(file: Path) -> None:
 
 def test_every_start_has_a_challenge_of_its_own_and_a_higher_counter(file: Path) -> None:
     status = encode(message_with(ControllerStatus), 0)
-    sent = [open_authentication(file, End.CONTROLLER).secure(status).data for _ in range(3)]
+    sent = [open_authentication(file, ["PLANT"]).secure(status).data for _ in range(3)]
     assert len({data[8:16] for data in sent}) == 3
     counters = [int.from_bytes(data[24:32], "big") for data in sent]
     assert counters == sorted(counters)
@@ -158,7 +157,7 @@ def test_every_start_has_a_challenge_of_its_own_and_a_higher_counter(file: Path)
 
 def test_two_ends_that_read_one_file_believe_each_other(file: Path) -> None:
     status = encode(message_with(ControllerStatus), 0)
-    ends = open_authentication(file, End.CONTROLLER), open_authentication(file, End.PLANT)
+    ends = [open_authentication(file, [peer]) for peer in ("PLANT", "CONTROLLER")]
     assert isinstance(ends[0], Authentication)
     assert ends[1].verify(ends[0].secure(status)) is Refused.UNSYNCHRONISED  # and not FORGED
 

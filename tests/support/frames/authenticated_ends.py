@@ -2,6 +2,8 @@
 
 from steer_by_wire.dbc.messages import (
     ControllerStatus,
+    HandWheelState,
+    HandWheelStatus,
     LateralError,
     Mode,
     PlantStatus,
@@ -12,7 +14,6 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.key_file import cmac_maker
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.node.end import End
 from tests.support.frames.made_messages import command_of, message_with, motion_of
 
 KEY = bytes(range(16))
@@ -34,19 +35,21 @@ FROM_PLANT = (
     ),
     encode(motion_of(1.4, 0.01, 0.02), 3),
 )
+HAND_WHEEL_STATE = encode(message_with(HandWheelState, hand_wheel_angle_rad=0.3), 5)
+HAND_WHEEL_STATUS = encode(message_with(HandWheelStatus, mode=Mode.ACTIVE), 6)
 COMMAND = encode(command_of(0.25, 7), 200)
 
 
 def controller(
     key: bytes = KEY, challenge: bytes = CONTROLLER_CHALLENGE, first_counter: int = 0
 ) -> Authentication:
-    return Authentication(End.CONTROLLER, cmac_maker()(key), challenge, first_counter)
+    return Authentication(("PLANT",), cmac_maker()(key), challenge, first_counter)
 
 
 def plant(
     key: bytes = KEY, challenge: bytes = PLANT_CHALLENGE, first_counter: int = 0
 ) -> Authentication:
-    return Authentication(End.PLANT, cmac_maker()(key), challenge, first_counter)
+    return Authentication(("CONTROLLER",), cmac_maker()(key), challenge, first_counter)
 
 
 def meet(controller_end: Authentication, plant_end: Authentication) -> None:

@@ -103,21 +103,19 @@ def test_a_pair_with_a_key_withstands_an_intruder_and_a_restart_and_shows_no_key
             assert second.interrupt() == ExitStatus.OK
         assert plant.interrupt() == ExitStatus.OK
     figures = plant.report()["node"]["authentication"]
-    # Before it knows the plant's challenge, the controller sends frames without a code, zeros.
-    ids, has_code = (0x100, 0x300, 0x304, 0x308), slice(12, None)
-    replayed = sum(frame.can_id in ids and any(frame.data[has_code]) for frame in heard)
-    # The plant alone sends these, so that one from elsewhere is refused whatever its code. Without
-    # a code, as before the controller was there, it is not called forged.
-    own = sum(frame.can_id in (0x110, 0x120, 0x130) for frame in heard)
-    own_status = sum(frame.can_id == 0x310 for frame in heard)
-    assert figures["refused"]["unauthenticated"] == 10 + own_status
-    forged = figures["refused"]["forged"]
-    assert forged >= 10
-    assert forged + figures["refused"]["unsynchronised"] >= 10 + own
-    assert figures["refused"]["replayed"] == replayed
+    # Before it has answered the plant's challenge, the controller sends zeros for a code.
+    old = [any(frame.data[12:]) for frame in heard if frame.can_id in (0x100, 0x304, 0x308)]
+    own = sum(frame.can_id in (0x110, 0x120, 0x130, 0x310) for frame in heard)
+    refused = figures["refused"]
+    assert refused["unauthenticated"] == 10 + own
+    assert refused["forged"] == 10 + sum(old)  # bound to the challenge of the first controller
+    assert refused.get("unsynchronised", 0) >= old.count(False)
+    assert refused["replayed"] == sum(frame.can_id == 0x300 for frame in heard)
     assert figures["verified"] >= 3 * COMMANDS_MIN
     assert any(AUTHENTICATED in line for line in plant.printed)
-    assert any(f"refused by authentication: forged {forged}" in line for line in plant.printed)
+    assert any(
+        f"refused by authentication: forged {refused['forged']}" in line for line in plant.printed
+    )
     assert set(second.report()["node"]["authentication"]["refused"]) <= {
         *("unsynchronised", "forged", "replayed", "unauthenticated")
     }

@@ -35,13 +35,13 @@ PROGRAMS = {
 }
 
 
-def drive(bus: Bus, folder: Path) -> dict[str, dict[str, Any]]:
+def drive(bus: Bus, folder: Path, *more: str) -> dict[str, dict[str, Any]]:
     """Return the reports of the three programs, which start in this order."""
     with Processes(folder) as programs:
         for name, (text, options) in PROGRAMS.items():
             (folder / f"{name}.toml").write_text(text, encoding="utf-8")
             report = ["--json", str(folder / f"{name}.json")]
-            words = [str(folder / f"{name}.toml"), *options, *report, *bus.options]
+            words = [str(folder / f"{name}.toml"), *options, *report, *more, *bus.options]
             programs.start(name, f"steer_by_wire.{name}", words)
         wait_until(lambda: programs.status("plant_emulator") is not None, "the end of the plant")
         for name in ("controller", "hand_wheel"):  # silence of the wheel would change who steers
@@ -63,9 +63,17 @@ def assert_steered(reports: dict[str, dict[str, Any]]) -> None:
     assert reports["plant_emulator"]["node"]["failure"] == ""
 
 
-def test_three_programs_on_an_emulated_bus(tmp_path: Path) -> None:
-    with launched_broker() as address:
-        assert_steered(drive(Bus("emulated", "can0", {"address": address}), tmp_path))
+def test_three_programs_with_a_key_on_an_emulated_bus(tmp_path: Path) -> None:
+    key = tmp_path / "steer.key"
+    key.write_text("c0ffee00112233445566778899aabbcc")
+    key.chmod(0o600)
+    with launched_broker(["--data-bitrate", "2000000"]) as address:
+        bus = Bus("emulated", "can0", {"address": address})
+        reports = drive(bus, tmp_path, "--key-file", str(key))
+    assert_steered(reports)
+    for report in reports.values():
+        assert report["node"]["authentication"]["synchronised"]
+        assert report["node"]["authentication"]["refused"].keys() <= {"unsynchronised"}
 
 
 @pytest.mark.vcan

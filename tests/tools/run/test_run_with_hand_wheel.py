@@ -6,10 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from steer_by_wire import simulate
 from steer_by_wire.tools.analyze.__main__ import main as analyze
 from steer_by_wire.tools.run.__main__ import main
 
@@ -136,16 +134,3 @@ def test_a_car_with_a_rack_is_felt_too(tmp_path: Path) -> None:
     forces = [abs(float(row["rack_force_n"])) for row in rows(folder)]
     assert 200.0 < max(forces) < 5000.0
     assert node(reports, "plant_emulator")["peak_m"] < 1.0
-
-
-def test_a_script_gets_the_hand_wheel_as_arrays() -> None:
-    found = simulate(
-        "highway_nominal", "highway_pd", hand_wheel="hands_off", duration_s=3.0,
-        overrides={"hand_wheel.cycle_ms": 5.0, "controller.hand_wheel.steered_by": "driver"},
-    )  # fmt: skip
-    assert found.hand_wheel is not None
-    assert np.diff(found.hand_wheel.time_s) == pytest.approx(0.005)
-    kicked = found.hand_wheel.driver_torque_n_m == 3.0
-    assert np.ptp(found.hand_wheel.time_s[kicked]) == pytest.approx(0.1, abs=0.01)
-    assert np.abs(found.plant.wheel_angle_rad).max() > 0.005
-    assert found.hand_wheel_report["steered_by"] == "driver"
