@@ -63,6 +63,8 @@ def measured_to(
     yaw_rate_rad_s: float,
 ) -> MeasuredState:
     """Return both filters at the newest echo."""
+    if not p.measures_lag and not p.measures_mass:
+        return x
     lag, mass = x.lag, x.mass
     if p.measures_lag:
         lag = lag_to(of, lag, loop_delay, history)

@@ -263,29 +263,27 @@ def command_from(p: LoopDelayParams, loop_delay: LoopDelay, history: History, sa
 
     It is as echoed, or as expected, a dead time before.
     """
-    mask = history.sample_mask
-    if p.dead_samples:
-        sample = max(sample - p.dead_samples, 0)
-    if sample < loop_delay.echo_sample:
+    period_ns, sensor_period_ns, _, dead_samples, _ = p
+    tick_now, _, echo_sample, delay_ns, _, _, _ = loop_delay
+    applied_tick, mask = history.applied_tick, history.sample_mask
+    if dead_samples:
+        sample = max(sample - dead_samples, 0)
+    if sample < echo_sample:
         before, after = sample & mask, (sample + 1) & mask
         if history.is_overruled[before] or history.is_overruled[after]:
             return 0.5 * (_input_at(history, sample) + _input_at(history, sample + 1))
-        tick, tick_after = history.applied_tick[before], history.applied_tick[after]
+        tick, tick_after = applied_tick[before], applied_tick[after]
         steer_rad = sent_for(history, tick, sample)
         if tick == tick_after or _begins_at_a_sample(history, tick_after):
             return steer_rad
         # The time of the change between the two samples is unknown.
         return 0.5 * (steer_rad + sent_for(history, tick_after, sample))
-    earliest = (
-        history.applied_tick[loop_delay.echo_sample & mask] if loop_delay.echo_sample >= 0 else -1
-    )
-    begin = (sample * p.sensor_period_ns - loop_delay.delay_ns) / p.period_ns
+    earliest = applied_tick[echo_sample & mask] if echo_sample >= 0 else -1
+    begin = (sample * sensor_period_ns - delay_ns) / period_ns
     if history.plan_mask:
-        tick = min(max(int(begin // 1.0), earliest), loop_delay.tick - 1)
+        tick = min(max(int(begin // 1.0), earliest), tick_now - 1)
         return sent_for(history, tick, sample)
-    return _mean_command(
-        history, begin, p.sensor_period_ns / p.period_ns, earliest, loop_delay.tick - 1
-    )
+    return _mean_command(history, begin, sensor_period_ns / period_ns, earliest, tick_now - 1)
 
 
 def _begins_at_a_sample(history: History, tick: int) -> bool:
@@ -300,12 +298,17 @@ def _mean_command(
 
     A command older than ``earliest`` is no longer in effect; one newer than ``latest`` is not sent.
     """
+    sent_rad, mask, until = history.sent_rad, history.tick_mask, begin + length
     tick, position, total = int(begin // 1.0), begin, 0.0
-    while position < begin + length:
-        end = min(tick + 1.0, begin + length)
-        acting = min(max(tick, earliest), latest)
-        sent_rad = history.sent_rad[acting & history.tick_mask] if acting >= 0 else 0.0
-        total += (end - position) * sent_rad
+    while position < until:
+        end, acting = tick + 1.0, tick
+        if end > until:
+            end = until
+        if acting < earliest:
+            acting = earliest
+        if acting > latest:
+            acting = latest
+        total += (end - position) * (sent_rad[acting & mask] if acting >= 0 else 0.0)
         tick, position = tick + 1, end
     return total / length
 
@@ -318,10 +321,11 @@ def at_measured_wheel(
     A lost sample has the values of the one before, and with them the same command.
     """
     sample, beta, r, psi, y, rho, d, delta, behind = x
+    if g.delta_delta == 0.0 or sample > loop_delay.echo_sample:
+        return x
     at, before = sample & history.sample_mask, (sample - 1) & history.sample_mask
     tick = history.applied_tick[at]
-    is_new = tick >= 0 and tick != history.applied_tick[before]
-    if g.delta_delta == 0.0 or sample > loop_delay.echo_sample or not is_new:
+    if tick < 0 or tick == history.applied_tick[before]:
         return x
     more = history.wheel_rad[at] - behind - delta
     part = _STAYS_BEHIND * more
