@@ -104,34 +104,36 @@ class VirtualTimeExecutor:
         receivers_of, has_finished = self._receivers_of, self.finished
         now_ns, events, busy_index = _BEFORE_ALL_NS, 0, 0
         while events < EVENTS_PER_INSTANT_MAX:
-            next_ns = wire.next_event_ns
-            if next_ns <= now_ns:
-                for end_ns, busy_index, frame in wire.advance(now_ns):
-                    if on_wire is not None:
-                        on_wire(end_ns, busy_index, frame)
-                    for index, node in receivers_of.get(busy_index, ()):
-                        events += 1
-                        if frames := node.on_frame(frame, now_ns):
-                            wire.submit(frames, index, now_ns)
-                        if node.finished:
-                            has_finished = True
+            next_ns, due = wire.next_event_ns, None
+            if next_ns > now_ns:
+                for one in nodes:
+                    deadline_ns = one[1].deadline_ns
+                    if deadline_ns < next_ns:
+                        next_ns, due = deadline_ns, one
+                        if deadline_ns <= now_ns:
+                            break
+                if next_ns > now_ns:  # Nothing is left to do at this instant.
+                    if next_ns >= until_ns or has_finished:
+                        return
+                    self.now_ns = now_ns = next_ns
+                    events = 0
+            if due is not None:
+                busy_index, node = due
+                events += 1
+                if frames := node.on_tick(now_ns):
+                    wire.submit(frames, busy_index, now_ns)
+                if node.finished:
+                    has_finished = True
                 continue
-            for index, node in nodes:
-                deadline_ns = node.deadline_ns
-                if deadline_ns <= now_ns:
-                    events, busy_index = events + 1, index
-                    if frames := node.on_tick(now_ns):
+            for end_ns, busy_index, frame in wire.advance(now_ns):
+                if on_wire is not None:
+                    on_wire(end_ns, busy_index, frame)
+                for index, node in receivers_of.get(busy_index, ()):
+                    events += 1
+                    if frames := node.on_frame(frame, now_ns):
                         wire.submit(frames, index, now_ns)
                     if node.finished:
                         has_finished = True
-                    break
-                if deadline_ns < next_ns:
-                    next_ns = deadline_ns
-            else:  # Nothing is left to do at this instant.
-                if next_ns >= until_ns or has_finished:
-                    return
-                self.now_ns = now_ns = next_ns
-                events = 0
         raise RuntimeError(
             f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
             "its deadline does not move on, or its frames are answered without end"
