@@ -10,6 +10,7 @@ without washout would leave the path for good after one saturation.
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...dbc.messages import LawNumber
+from ...runtime.fast_named_tuple import new_record
 from ..filters.cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
 from ..filters.discretization import design_cdob, design_dob, design_pd
 from ..filters.dob import DobParams, DobState, dob_at_rest, dob_step
@@ -45,7 +46,8 @@ def pd_ddob_step(
     x_dob, disturbance_rad = dob_step(dob, x_dob, error_m, sent_rad)
     x_cdob, feedback_m, network_rad = cdob_step(cdob, x_cdob, error_m, sent_demand_rad)
     x_pd, demand_rad = pd_step(pd, x_pd, feedback_m)
-    output = LawOutput(demand_rad - disturbance_rad, disturbance_rad, network_rad, feedback_m)
+    steer_rad = demand_rad - disturbance_rad
+    output = new_record(LawOutput, (steer_rad, disturbance_rad, network_rad, feedback_m))
     return (x_pd, x_dob, x_cdob, disturbance_rad), output
 
 

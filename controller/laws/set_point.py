@@ -134,7 +134,8 @@ def set_point_step(p: SetPointParams, x: SetPointState, vehicle: VehicleReading)
         part = 1.0
     value_m = value_m + part * (steady_set_point_m(p.steady, vehicle) - value_m)
     wanted_m = 0.0 if is_stale else value_m
-    return SetPointState(value_m, fading_step(p.fade_step_m, shown, wanted_m, is_stale))
+    after = fading_step(p.fade_step_m, shown, wanted_m, is_stale)
+    return new_record(SetPointState, (value_m, after))
 
 
 def followed_point_at_rest(

@@ -13,6 +13,8 @@ The ramp of SAFE_STOP moves the last command to zero by the same step, ``ramp_st
 
 from typing import NamedTuple
 
+from ...runtime.fast_named_tuple import new_record
+
 FADE_RAD_S = 0.2
 FADE_M_S = 0.1
 
@@ -32,7 +34,7 @@ def fading_step(step: float, x: Fading, wanted: float, source: bool) -> Fading:
     """Advance one period towards ``wanted``; at most ``step`` of a difference fades."""
     last, source_before, difference = x
     difference = difference_step(step, difference, last, wanted, source != source_before)
-    return Fading(wanted + difference, source, difference)
+    return new_record(Fading, (wanted + difference, source, difference))
 
 
 def difference_step(

@@ -154,9 +154,9 @@ def compared(one: float, other: float, part: float = 0.0) -> Compared:
     return new_record(Compared, (one, other + part, abs(one - part) + abs(other)))
 
 
-def memory_step(bound: Bound, x: Memory, moved: Compared, lasted_s: float) -> Memory:
-    """Take what has moved in ``lasted_s``."""
-    kept, (one, other, parts), (floor, share, _, _) = exp(-lasted_s / FORGETS_S), moved, bound
+def memory_step(bound: Bound, x: Memory, moved: Compared, lasted_s: float, kept: float) -> Memory:
+    """Take what has moved in ``lasted_s``; ``kept`` is the share that is not forgotten in it."""
+    (one, other, parts), (floor, share, _, _) = moved, bound
     residual, parts_before, product, one_2, other_2, beyond_s, opposed_s = x
     parts += parts_before
     allowed = floor + share * parts
@@ -215,10 +215,10 @@ class Plausibility:
         if before is None:
             return
         errors = lateral_error_m - before[0], heading_error_rad - before[1]
-        moved = self._moved(motion, *errors, aim_rad)
+        moved, kept = self._moved(motion, *errors, aim_rad), exp(-motion.lasted_s / FORGETS_S)
         for name in self._names:
             bound = BOUNDS[name]
-            after = memory_step(bound, self._memories[name], moved[name], motion.lasted_s)
+            after = memory_step(bound, self._memories[name], moved[name], motion.lasted_s, kept)
             self._memories[name] = after
             if name == "behind":
                 self._may_steer_behind &= after.beyond_s == 0.0

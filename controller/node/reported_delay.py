@@ -16,6 +16,7 @@ the clocks.
 from typing import NamedTuple
 
 from ...dbc.messages import DelayStatus, EchoState, limits
+from ...runtime.fast_named_tuple import new_record
 from ...runtime.node import NS_PER_S
 from ..settings import ControllerSettings
 
@@ -53,7 +54,8 @@ def echo_step(p: EchoRule, x: EchoMean, sent_ns: int, now_ns: int) -> EchoMean:
     weight = 1.0
     if echo_ns is not None and now_ns - echo_ns <= p.timeout_ns:
         weight = min(float(now_ns - echo_ns) / p.averaging_ns, 1.0)
-    return EchoMean(now_ns, mean_ns + weight * (float(now_ns - sent_ns) - mean_ns))
+    mean_ns = mean_ns + weight * (float(now_ns - sent_ns) - mean_ns)
+    return new_record(EchoMean, (now_ns, mean_ns))
 
 
 def echo_delay_s(p: EchoRule, x: EchoMean, now_ns: int) -> float | None:

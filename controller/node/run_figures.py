@@ -119,12 +119,13 @@ class RunFigures:
 
         The other modes hold the law's commands or ramp them down, and never exceed their peak.
         """
-        if abs(sent_rad) > self.peak_steer_rad:
-            self.peak_steer_rad = abs(sent_rad)
+        steer_rad, error_m = abs(sent_rad), abs(measured_m)
+        if steer_rad > self.peak_steer_rad:
+            self.peak_steer_rad = steer_rad
         self._law_ticks += 1
         self._squares_m2 += measured_m * measured_m
-        if abs(measured_m) > self._measured_peak_m:
-            self._measured_peak_m = abs(measured_m)
+        if error_m > self._measured_peak_m:
+            self._measured_peak_m = error_m
         if limit:
             self._limited[limit] += 1
 

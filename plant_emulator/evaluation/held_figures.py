@@ -6,6 +6,8 @@ Plain arithmetic: the plant and the reader of a log run the step as it is, studi
 import math
 from typing import NamedTuple
 
+from ...runtime.fast_named_tuple import new_record
+
 
 class HeldRules(NamedTuple):
     """The band in which the judged point settles, and after how many samples it has to have."""
@@ -93,8 +95,9 @@ def held_step(
         peak_m = abs(deviation_m)
     if abs(wheel_rad) > wheel_peak_rad:
         wheel_peak_rad = abs(wheel_rad)
-    return Held(
+    held = (
         samples, settled, settled_at, error_2 + error_m2, deviation_2 + deviation_m2,
         settled_error_2, settled_deviation_2, preview_peak_m, peak_m, judged_peak_m,
         settled_peak_m, wheel_peak_rad, deviation_m, judged_m,
     )  # fmt: skip
+    return new_record(Held, held)

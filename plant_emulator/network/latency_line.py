@@ -48,6 +48,7 @@ class LatencyLine(Generic[Item]):
 
     ``next_due_ns``  when the next frame is due [ns]; NEVER_NS if none waits
     ``trace_times_s``  as of ``LatencyDraw``
+    ``lost``  frames so far
     ``latest_latency_ns``  drawn for the newest frame that was not lost [ns]
     """
 
@@ -68,7 +69,7 @@ class LatencyLine(Generic[Item]):
         self._samples = 0
         """Calls of ``push``, while latencies are drawn: a trace may have one row for each."""
         self._pushed = self._released = 0
-        self._lost = self._superseded = self._overflowed = 0
+        self.lost = self._superseded = self._overflowed = 0
         self._latency, self._injected = DurationStatistics(), DurationStatistics()
         self._came_in_turn = self._left_in_turn = 0
         """Frames of constant latency that are not in the statistics yet."""
@@ -79,7 +80,7 @@ class LatencyLine(Generic[Item]):
         return LineCounts(
             self._pushed + self._came_in_turn,
             self._released + self._left_in_turn,
-            self._lost,
+            self.lost,
             self._superseded,
             self._overflowed,
         )
@@ -121,7 +122,7 @@ class LatencyLine(Generic[Item]):
                 latency_ns = self._draw.latency_ns(self._samples, now_ns, motion_ns)
             self._pushed += 1
             if latency_ns is None:
-                self._lost += 1
+                self.lost += 1
                 continue
             self.latest_latency_ns = latency_ns
             self._injected.record(latency_ns)

@@ -43,7 +43,7 @@ class Network:
     @property
     def lost(self) -> int:
         """Frames lost so far."""
-        return self.downlink.counts.lost + self.uplink.counts.lost
+        return self.downlink.lost + self.uplink.lost
 
     def measured(self, due_ns: int) -> list[Frame]:
         """Return the measurements that leave for the bus."""

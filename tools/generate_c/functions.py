@@ -3,9 +3,9 @@
 The subset: ``float``, ``int`` of up to 64 bits, ``bool``, members of an IntEnum, records, None in
 place of a number, local names, + - * / // % and the minus, ``and``, ``or``, ``not``, comparisons,
 ``a if condition else b``, ``isfinite``, ``abs``, ``min`` and ``max`` of two, ``float`` of an int,
-calls of functions in the subset, ``_replace``, ``if``, ``while``, ``return``, and ``for`` over the
-rows of a constant table, which is written out. Sums and products keep their order and their
-parentheses: a compiler that contracts nothing (``-ffp-contract=off``) gives the same bits.
+calls of functions in the subset, ``new_record``, ``_replace``, ``if``, ``while``, ``return``, and
+``for`` over the rows of a constant table, which is written out. Sums and products keep their order
+and parentheses: a compiler that contracts nothing (``-ffp-contract=off``) gives the same bits.
 
 Everything else is refused with its file and line: closures, an attribute that is set, an ``int`` in
 place of a ``float``, a division by what has not been compared with 0. Fields of the parameters,
@@ -402,6 +402,8 @@ class Function:
                 texts = [self._expression(it, kind).text for it in (one, two)]
                 helper = f"{name}_int" if kind == "int64_t" else name
                 return Text(f"{helper}({', '.join(texts)})", _ATOM, kind)
+            case ast.Name(id="new_record"), [kind, ast.Tuple(elts=values)]:
+                return self._call(node, self._meant(kind), values)
         if isinstance(called, type) and issubclass(called, tuple):
             kind = self._kind(node, called)
             literal = f"({declared(kind)}){self._literal(node, arguments, kind)}"
