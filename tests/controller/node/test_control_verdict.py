@@ -18,34 +18,9 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.node.virtual_time_loop import VirtualTimeExecutor
 from steer_by_wire.runtime.program.fail_if_conditions import fail_status
+from tests.support.nodes.held_up import HeldUp
 
 SETTINGS = controller_preset("practical_pd_ddob", ["overruns.missed_periods_max=off"])
-
-
-class Stopped:
-    """A controller that does not run for a while, as under SIGSTOP; its frames wait."""
-
-    def __init__(self, node: ControllerNode, from_s: float, to_s: float) -> None:
-        self.node, self._from_ns, self._to_ns = node, from_s * NS_PER_S, to_s * NS_PER_S
-        self._waiting: list[Frame] = []
-        self.finished = False
-
-    @property
-    def deadline_ns(self) -> int:
-        due_ns = self.node.deadline_ns
-        return int(self._to_ns) if self._from_ns <= due_ns < self._to_ns else due_ns
-
-    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        if self._from_ns <= now_ns < self._to_ns:
-            self._waiting.append(frame)
-            return ()
-        return self.node.on_frame(frame, now_ns)
-
-    def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        for frame in self._waiting:
-            self.node.on_frame(frame, now_ns)
-        self._waiting.clear()
-        return self.node.on_tick(now_ns)
 
 
 class Unheard:
@@ -73,7 +48,7 @@ def node(start_s: float = 0.0) -> ControllerNode:
     return ControllerNode(SETTINGS, round(start_s * NS_PER_S))
 
 
-def driven(*controllers: ControllerNode | Stopped | Unheard, until_s: float = 5.0) -> None:
+def driven(*controllers: ControllerNode | HeldUp | Unheard, until_s: float = 5.0) -> None:
     plant = PlantNode(plant_preset("paper_nominal", ["duration_s=60", "safety.ftti_ms=off"]), 0)
     VirtualTimeExecutor((plant, *controllers)).run(round(until_s * NS_PER_S))
 
@@ -94,7 +69,7 @@ def test_a_controller_that_drives_is_in_control_all_the_time() -> None:
 
 def test_time_in_which_it_was_stopped_is_no_time_in_which_the_law_steered() -> None:
     controller = node()
-    driven(Stopped(controller, 2.0, 3.5))
+    driven(HeldUp(controller, (2 * NS_PER_S, 7 * NS_PER_S // 2)))
     text, status = ending(controller)
     assert controller.report()["active_share"] == pytest.approx(3.5 / 5.0, abs=0.01)
     steered = re.match(r"in control at the end; the law steered for ([\d.]+) % of the time", text)

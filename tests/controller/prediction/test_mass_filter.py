@@ -19,6 +19,7 @@ from steer_by_wire.controller.prediction.mass_filter import (
 )
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
+from steer_by_wire.plant_emulator.vehicle.steady_turn import steady_steer_m
 
 SPEED_M_S = 60.0 / 3.6
 LANE_CHANGE = 'path={kind="single_lane_change", start_m=33.3, offset_m=3.5, length_m=90.0}'
@@ -71,6 +72,18 @@ def measured(run: CompiledRun, noise_rad_s: float = 0.0) -> list[MassState]:
         x = mass_to(p.light, p.heavy, p.mass_ends, x, loop_delay, history, newest_rad_s)
         states.append(x)
     return states
+
+
+def test_the_masses_change_halfway_between_their_steady_turns() -> None:
+    """In closed form, r/δ = V/(L + K V²); the law interpolates between speeds."""
+    nominal = plant(NOMINAL_KG).vehicle
+    masses_kg = NOMINAL_KG * np.array(MASS_RATIOS)
+    turns = [
+        1.0 / steady_steer_m(nominal.model_copy(update={"virtual_mass_kg": float(mass_kg)}))
+        for mass_kg in masses_kg
+    ]
+    shares = (np.array(turns) - turns[0]) / (turns[-1] - turns[0])
+    assert params().measured.mass_ends == pytest.approx(0.5 * (shares[:-1] + shares[1:]), abs=2e-4)
 
 
 @pytest.mark.parametrize("noise_rad_s", [0.0, 0.01])
