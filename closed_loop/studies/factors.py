@@ -97,11 +97,6 @@ def quantile_of(start: float, stop: float, scale: str) -> Callable[[float], floa
     return lambda u: start + (stop - start) * u
 
 
-def range_values(quantile: Callable[[float], float], count: int) -> list[float]:
-    """Return values of a range, from its start on, without digits that are rounding errors."""
-    return [float(f"{quantile(index / max(1, count - 1)):.12g}") for index in range(count)]
-
-
 def _ranged(
     settings: FactorSettings, name: str, keys: tuple[str, ...], is_grid: bool, where: str
 ) -> Factor:
@@ -117,7 +112,8 @@ def _ranged(
                 f"{where}: the range of factor {name} needs step or count in a grid"
             )
         return Factor(name, keys, None, quantile)
-    values = range_values(quantile, count)
+    shares = (index / max(1, count - 1) for index in range(count))
+    values = [float(f"{quantile(share):.12g}") for share in shares]  # no digits of rounding
     return Factor(name, keys, tuple(_level(value, keys) for value in values), None)
 
 

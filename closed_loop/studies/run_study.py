@@ -1,6 +1,6 @@
 """Runs a study: what is missing of a stored one, or a whole one for Python (``run_study``)."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from .result_files import Store, columns_of
 from .scenario import Scenarios
 from .study import BASE_WHEEL, COLUMNS_TAKEN, WHEEL, Study, load_study, study_of
 from .study_file import BaseSettings, StudySettings
-from .workers import Block, ShouldStop, Workers
+from .workers import ShouldStop, Workers
 
 BLOCK_RUNS = 64
 """Compiled runs handed to a worker at once: some tens of milliseconds. One over a bus takes longer
@@ -51,7 +51,12 @@ def run_missing(
         return True
     try:
         block_runs = 1 if store.scenarios.study.on_nodes else BLOCK_RUNS
-        for computed in workers.compute(_blocks(store.missing(), block_runs), should_stop):
+        blocks = (
+            ids[first : first + block_runs]
+            for ids in store.missing()
+            for first in range(0, len(ids), block_runs)
+        )
+        for computed in workers.compute(blocks, should_stop):
             if len(computed.ids):
                 store.put(computed)
                 on_progress(len(computed.ids))
@@ -61,12 +66,6 @@ def run_missing(
         return False
     store.finish()
     return True
-
-
-def _blocks(chunks: Iterable[list[int]], block_runs: int) -> Iterator[Block]:
-    for ids in chunks:
-        for first in range(0, len(ids), block_runs):
-            yield ids[first : first + block_runs]
 
 
 def run_study(file: str | Path) -> Mapping[str, NDArray[Any]]:

@@ -154,23 +154,20 @@ def _text(row: Row) -> str:
 
 def _draw(pd: Sequence[Row], dob: Sequence[Row]) -> Figure:
     figure = Figure(figsize=(10.5, 4.4))
+    corners = [
+        f"{column.corner}: {column.speed_km_h:g} km/h\n{column.virtual_mass_kg:g} kg"
+        for column in published.TABLE_2
+    ]
     for axes, rows, law in zip(figure.subplots(1, 2), (pd, dob), ("PD", "PD+DOB"), strict=True):
         step = 0.81 / len(rows)
         for index, (row, colour) in enumerate(zip(rows, ("0.55", *COLOURS), strict=False)):
             places, label = np.arange(4) + step * (index - 1), row.label.split(", ", 1)[1]
             bars = axes.bar(places, row.rms_m, step - 0.02, color=colour, label=label)
             axes.bar_label(bars, fmt="%.4f", fontsize=7.5, rotation=90, padding=3)
-        axes.set_xticks(range(4), _corner_labels())
+        axes.set_xticks(range(4), corners)
         axes.set_ylabel("RMS lateral error [m]")
         axes.set(ylim=(0.0, 1.3 * max(max(row.rms_m) for row in rows)), title=law)
         axes.grid(visible=False, axis="x")
     handles, labels = figure.axes[-1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4)
     return figure
-
-
-def _corner_labels() -> list[str]:
-    return [
-        f"{column.corner}: {column.speed_km_h:g} km/h\n{column.virtual_mass_kg:g} kg"
-        for column in published.TABLE_2
-    ]
