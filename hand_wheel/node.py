@@ -146,7 +146,9 @@ class HandWheelNode:
         self._entered = dict.fromkeys(Mode, 0)
         self._clamped = self._served = 0
         self._peak_rad = self._peak_n_m = 0.0
-        self._window: deque[float] = deque(maxlen=round(WINDOW_S / settings.cycle_s))
+        cycles = round(WINDOW_S / settings.cycle_s)
+        self._window: deque[float] = deque(maxlen=cycles)
+        self._curvatures_1_m: deque[float] = deque(maxlen=cycles)
         self._samples_left = samples_max
         self.samples: list[HandWheelSample] = []
 
@@ -234,7 +236,9 @@ class HandWheelNode:
     @property
     def shaking(self) -> Shaking | None:
         """How the wheel shakes now; None while it is still."""
-        return shaking(tuple(self._window), self._settings.cycle_s)
+        curvatures_1_m = tuple(self._curvatures_1_m)
+        period_s = self._settings.cycle_s
+        return shaking(tuple(self._window), period_s, curvatures_1_m=curvatures_1_m)
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
@@ -354,6 +358,7 @@ class HandWheelNode:
         alone = self._steered_by is SteeredBy.DRIVER
         followed_rad = self._ratio * self._wheel_rad
         self._window.append(own_motion_rad(angle_rad, self._hands, alone, followed_rad))
+        self._curvatures_1_m.append(self._sight.curvature_1_m)
         self._peak_rad = max(self._peak_rad, abs(angle_rad))
         self._peak_n_m = max(self._peak_n_m, abs(driver_n_m))
         if self._samples_left > 0:

@@ -98,7 +98,7 @@ class Wheel(NamedTuple):
     ``*_wire``       of each cycle, as HAND_WHEEL_STATE carries it
     ``by_sight_rad`` the driver's wish at each cycle, after the one that he starts with
     ``samples``      angle, rate, torques of driver and motor at each cycle, NaN before it; the
-                     fifth row is the wheel's own motion
+                     fifth row is the wheel's own motion, the sixth the path's curvature
     ``heard_n``      force on the rack as it was last heard, NaN for a law that reads none
     ``steered_by``, ``order_n_m``  of each tick, as HAND_WHEEL_FEEDBACK carries them
     """
@@ -245,7 +245,7 @@ def wheel_of(
         rate_wire=np.zeros(cycles),
         torque_wire=np.zeros(cycles),
         by_sight_rad=np.zeros(cycles + 1),
-        samples=np.full((5, cycles), np.nan),
+        samples=np.full((6, cycles), np.nan),
         heard_n=np.full(cycles, np.nan),
         steered_by=np.zeros(len(events.tick_cycle), np.int64),
         order_n_m=np.zeros(len(events.tick_cycle)),
@@ -254,7 +254,8 @@ def wheel_of(
 
 def shaking_of(w: Wheel) -> Shaking | None:
     """Return how the wheel shakes at the end of a run, as the node's report says it."""
-    return shaking(w.samples[4, : w.cycles_done].tolist(), w.cycle_ns / NS_PER_S)
+    motion_rad, curvatures_1_m = w.samples[4:, : w.cycles_done].tolist()
+    return shaking(motion_rad, w.cycle_ns / NS_PER_S, curvatures_1_m=curvatures_1_m)
 
 
 def _start(w: Wheel) -> WheelProgress:
@@ -383,6 +384,7 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
     w.samples[2, cycle], w.samples[3, cycle] = wheel.driver_torque_n_m, wheel.motor_n_m
     alone, followed_rad = w.steered_by[tick] == _DRIVER, w.ratio * road_wheel_rad
     w.samples[4, cycle] = own_motion_rad(wheel.angle_rad, hands, alone, followed_rad)
+    w.samples[5, cycle] = curvature_1_m
     rested = cycle + 1 if state.driver.rests else x.rested
     return WheelProgress(x.event + 1, wheel, state, rested, hands, told_n_m, x.plant, x.who)
 

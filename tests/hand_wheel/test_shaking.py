@@ -25,3 +25,17 @@ def test_a_swing_that_dies_down_or_is_tiny_is_still(hz: float, rate: float, swin
     assert shaking(swing * np.exp(-rate * TIMES_S) * wave, PERIOD_S) is None
     assert shaking(0.9 * AMPLITUDE_RAD * wave, PERIOD_S) is None
     assert shaking([0.0] * 5, PERIOD_S) is None
+
+
+@given(st.floats(0.0, 9.0), st.floats(1.5, 4.0), st.floats(-0.5, 0.5), st.floats(0.7, 8.0))
+def test_a_wheel_that_follows_a_bend_is_still_unless_it_shakes(
+    begins_s: float, lasts_s: float, turned_rad: float, hz: float
+) -> None:
+    course = turned_rad * np.clip((TIMES_S - begins_s) / lasts_s, 0.0, 1.0)
+    bend = [0.0] * 999 + [0.01]
+    assert shaking(course, PERIOD_S, curvatures_1_m=bend) is None
+    shaken = course + 0.2 * np.sin(2 * np.pi * hz * TIMES_S)
+    found = shaking(shaken, PERIOD_S, curvatures_1_m=bend)
+    assert found is not None
+    assert found.hz == pytest.approx(hz, rel=0.3)
+    assert found.amplitude_rad == pytest.approx(0.2, rel=0.3)

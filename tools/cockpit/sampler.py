@@ -156,7 +156,7 @@ class Sampler:
         self._foreign: dict[int, Frame] = {}
         self._sent: dict[int, messages.SteeringCommand | messages.SteeringPlan] = {}
         self._in_effect_rad = math.nan
-        self._wheel_rad = deque[float](maxlen=round(_WHEEL_S / ROW_PERIOD_S))
+        self._wheel = deque[tuple[float, float]](maxlen=round(_WHEEL_S / ROW_PERIOD_S))
         self._refused = Counter[str]()
         self._refused_until_ns: dict[str, int] = {}
         self._late = self._skipped = self._ticks = (0, -_SHOWN_NS)  # how much, when
@@ -232,7 +232,8 @@ class Sampler:
         wheel, felt = of(messages.HandWheelState), of(messages.HandWheelStatus)
         rack, truth = of(messages.SteeringForce), of(messages.CarTruth)
         if wheel is not None:
-            self._wheel_rad.append(wheel.hand_wheel_angle_rad)
+            curvature_1_m = vehicle.preview_curvature_1_m if vehicle else 0.0
+            self._wheel.append((wheel.hand_wheel_angle_rad, curvature_1_m))
         has_echo = delay is not None and delay.echo_state is messages.EchoState.KNOWN
         foot = self._place.at(now_ns)
         ghost = None if self._ghost is None else self._ghost.at(now_ns)
@@ -281,8 +282,10 @@ class Sampler:
 
     def hand_wheel_text(self) -> str:
         """Return whether a hand wheel shakes; empty without one."""
-        angles_rad = tuple(self._wheel_rad)
-        return shaking_text(shaking(angles_rad, ROW_PERIOD_S)) if angles_rad else ""
+        if not self._wheel:
+            return ""
+        angles_rad, curvatures_1_m = zip(*self._wheel, strict=True)
+        return shaking_text(shaking(angles_rad, ROW_PERIOD_S, curvatures_1_m=curvatures_1_m))
 
     def lights(self, now_ns: int) -> tuple[Light, ...]:
         """Return the lights as known at ``now_ns``."""
