@@ -3,8 +3,10 @@
     steer-by-wire feedback --preset large_sedan --speeds-km-h 30,80,130 --plot feedback.png
 
 For each torque gradient, grip and speed it prints the first unstable round trip of the bus, both
-ways together: exact for whole cycles, for small angles and the tyres' grip at rest. "again" marks a
-loop that is stable again at a longer round trip; --json has every range. The last column is the
+ways together: exact for whole cycles, for small angles and the tyres' grip at rest. The first line
+is a vehicle whose tyres follow at once. The line below it is the same car with tyres that lag, as
+tyres do: their force builds up over a relaxation length. "again" marks a loop that is stable again
+at a longer round trip; --json has every range. The last column is the
 round trip up to which the wheel is passive after Colgate, from damping and torque gradient alone.
 With --jitter-at a table for each round trip shows by how much more it may vary, in any pattern.
 
@@ -18,7 +20,7 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import groupby, product
+from itertools import product
 from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -54,6 +56,8 @@ from steer_by_wire.tools.feedback.frontier import ROUND_TRIPS_S, Bench, Point
 from steer_by_wire.tools.feedback.frontier_runs import frontier
 
 NAME = "steer-by-wire feedback"
+_LAGGING = "  tyres lag"
+"""A line that shows the line above it with tyres that lag."""
 
 
 class Row(NamedTuple):
@@ -83,8 +87,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="the plant preset whose [vehicle] is taken (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--tyre-lag", action="store_true", help="of a car, take the relaxation of its tyres too"
-    )
+        "--tyre-lag", action="store_true",
+        help="of a car, show tyres that lag alone",
+    )  # fmt: skip
     parser.add_argument(
         "--torque-gradients", type=_numbers(0.01, 1000.0, "N m/rad"), default=[3.0, 6.0, 12.0],
         metavar="N_M,...", help="torque per angle of the hand wheel (default: 3,6,12)",
@@ -141,76 +146,98 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     preset = read_preset(PRESETS, options.preset)
     plant = load_settings(PlantSettings, preset)
-    vehicle, car = vehicle_params(plant.vehicle), plant.car if options.tyre_lag else None
+    vehicle, car = vehicle_params(plant.vehicle), plant.car
     if options.tyre_lag and car is None:
         raise SettingsError(f"--tyre-lag: {options.preset} is no car: its tyres do not lag")
-    if options.frontier is not None:
-        return _show_frontier(options, vehicle, car)
-    rows = [
-        feedback_row(options, vehicle, car, *case)
-        for case in product(options.torque_gradients, GRIPS, options.speeds_km_h)
-    ]
-    record = [row._asdict() | {"unstable": [r._asdict() for r in row.unstable]} for row in rows]
+    models = [car] if options.tyre_lag or car is None else [None, car]
     what = f"{options.preset}{', tyres that lag' if options.tyre_lag else ''}"
+    if options.frontier is not None:
+        return _show_frontier(options, vehicle, models, what)
+    rows = [_rows(options, vehicle, each, options.torque_gradients) for each in models]
     title = f"first unstable round trip [ms], {what}, cycle {options.cycle_ms:g} ms"
-    tables = [_table(rows, options.speeds_km_h, title)]
+    tables = [_table(rows, options.speeds_km_h, title, _first_ms, has_passive=True)]
     for place, at_ms in enumerate(options.jitter_at):
         title = f"tolerated jitter [ms] above a round trip of {at_ms:g} ms"
-        tables.append(_table(rows, options.speeds_km_h, title, place))
+        tables.append(_table(rows, options.speeds_km_h, title, partial(_jitter_ms, place)))
+    record = _of_both("loops", [[_record(row) for row in each] for each in rows])
     show = partial(plain_console().print, *tables, sep="\n")
-    show_or_write(options.json, {"preset": options.preset, "loops": record}, show)
+    show_or_write(options.json, {"preset": options.preset, **record}, show)
     if options.plot is not None:
         from steer_by_wire.tools.feedback.picture import draw  # loads matplotlib
 
         gradients = [1.0 * 1.2**step for step in range(18)]
         drawn = [
-            feedback_row(options, vehicle, car, *case)
-            for case in product(gradients, GRIPS, options.speeds_km_h)
+            [(r.speed_km_h, r.grip, r.torque_gradient_n_m, r.first_s) for r in each]
+            for each in (_rows(options, vehicle, model, gradients) for model in models)
         ]
-        points = [(r.speed_km_h, r.grip, r.torque_gradient_n_m, r.first_s) for r in drawn]
-        write_file(options.plot, draw(points, options.cycle_ms / 1e3, options.preset))
+        write_file(options.plot, draw(drawn, options.cycle_ms / 1e3, what))
     return ExitStatus.OK
 
 
+def _of_both(name: str, models: Sequence[Sequence[Any]]) -> dict[str, Any]:
+    """Return what is known of each model by its name in the JSON."""
+    return dict(zip((name, f"{name}_with_tyre_lag"), models, strict=False))
+
+
+def _rows(
+    options: argparse.Namespace,
+    vehicle: VehicleParams,
+    car: CarSettings | None,
+    gradients_n_m: Sequence[float],
+) -> list[Row]:
+    cases = product(gradients_n_m, GRIPS, options.speeds_km_h)
+    return [feedback_row(options, vehicle, car, *case) for case in cases]
+
+
+def _record(row: Row) -> dict[str, Any]:
+    return row._asdict() | {"unstable": [each._asdict() for each in row.unstable]}
+
+
 def _show_frontier(
-    options: argparse.Namespace, vehicle: VehicleParams, car: CarSettings | None
+    options: argparse.Namespace,
+    vehicle: VehicleParams,
+    models: Sequence[CarSettings | None],
+    what: str,
 ) -> int:
     from steer_by_wire.tools.feedback.picture import draw_frontier  # loads matplotlib
 
     gradient_n_m, km_h = (
         sorted(each)[len(each) // 2] for each in (options.torque_gradients, options.speeds_km_h)
     )
-    bench = Bench(
-        vehicle._replace(speed_m_s=km_h / 3.6),
-        gradient_n_m,
-        _rack(options),
-        _wheel(options),
-        options.cycle_ms / 1e3,
-        options.torque_noise,
-        car,
-    )
-    points = frontier(bench)
-    title = f"{options.preset}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
+    moving = vehicle._replace(speed_m_s=km_h / 3.6)
+    rack, wheel, cycle_s = _rack(options), _wheel(options), options.cycle_ms / 1e3
+    found = [
+        frontier(Bench(moving, gradient_n_m, rack, wheel, cycle_s, options.torque_noise, car))
+        for car in models
+    ]
+    title = f"{what}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
     marks = "F, I, J: shakes with friction, ice, jitter"
     tables = [
-        _frontier_table(points, f"felt torque changed by [%], {title}; {marks}", _changed),
-        _frontier_table(points, "a change of the road felt after [ms]", _late),
+        _frontier_table(found, f"felt torque changed by [%], {title}; {marks}", _changed),
+        _frontier_table(found, "a change of the road felt after [ms]", _late),
     ]
     record = [
-        point._asdict() | {"design": point.design and point.design.settings} for point in points
+        [point._asdict() | {"design": point.design and point.design.settings} for point in points]
+        for points in found
     ]
     options.frontier.mkdir(parents=True, exist_ok=True)
-    write_file(options.frontier / "frontier.png", draw_frontier(points, title))
+    write_file(options.frontier / "frontier.png", draw_frontier(found, title))
     show = partial(plain_console().print, *tables, sep="\n")
-    show_or_write(options.frontier / "frontier.json", {"title": title, "points": record}, show)
+    file = options.frontier / "frontier.json"
+    show_or_write(file, {"title": title, **_of_both("points", record)}, show)
     return ExitStatus.OK
 
 
-def _frontier_table(points: Sequence[Point], title: str, cell: Callable[[Point], str]) -> Table:
-    """Return a line for each law, a column for each round trip."""
+def _frontier_table(
+    models: Sequence[Sequence[Point]], title: str, cell: Callable[[Point], str]
+) -> Table:
+    """Return a line for each law, a column for each round trip; ``models`` as ``_table``."""
     table = plain_table(("law",), [f"{1e3 * at_s:g} ms" for at_s in ROUND_TRIPS_S], title)
-    for law, each in groupby(points, lambda point: point.law):
-        table.add_row(law, *map(cell, each))
+    for first in range(0, len(models[0]), len(ROUND_TRIPS_S)):
+        name = models[0][first].law
+        for points in models:
+            table.add_row(name, *map(cell, points[first : first + len(ROUND_TRIPS_S)]))
+            name = _LAGGING
     return table
 
 
@@ -259,26 +286,34 @@ def _rack(options: argparse.Namespace) -> Rack:
 
 
 def _table(
-    rows: Sequence[Row], speeds_km_h: Sequence[float], title: str, jitter_at: int | None = None
+    models: Sequence[Sequence[Row]],
+    speeds_km_h: Sequence[float],
+    title: str,
+    cell: Callable[[Row], str],
+    *,
+    has_passive: bool = False,
 ) -> Table:
     """Return a line for each torque gradient and grip, a column for each speed.
 
-    ``jitter_at``  shows the jitter at this round trip in place of the first unstable one
+    ``models``  rows with tyres that follow at once, and, shown below, with tyres that lag
     """
-    has_passive = jitter_at is None
     columns = [*(f"{v:g} km/h" for v in speeds_km_h), *["passive"] * has_passive]
     table = plain_table(("gradient [N m/rad]", "grip"), columns, title)
-    for first in range(0, len(rows), len(speeds_km_h)):
-        line = rows[first : first + len(speeds_km_h)]
-        gradient, grip = f"{line[0].torque_gradient_n_m:g}", line[0].grip.replace("_", " ")
-        cells = [_cell(row, jitter_at) for row in line]
-        table.add_row(gradient, grip, *cells, *[f"{1e3 * line[0].passive_s:.0f}"] * has_passive)
+    for first in range(0, len(models[0]), len(speeds_km_h)):
+        row = models[0][first]
+        names = f"{row.torque_gradient_n_m:g}", row.grip.replace("_", " ")
+        last = [f"{1e3 * row.passive_s:.0f}"] * has_passive
+        for rows in models:
+            table.add_row(*names, *map(cell, rows[first : first + len(speeds_km_h)]), *last)
+            names, last = ("", _LAGGING), []
     return table
 
 
-def _cell(row: Row, jitter_at: int | None) -> str:
-    if jitter_at is not None:
-        return f"{1e3 * row.jitter_s[jitter_at]:.1f}"
+def _jitter_ms(place: int, row: Row) -> str:
+    return f"{1e3 * row.jitter_s[place]:.1f}"
+
+
+def _first_ms(row: Row) -> str:
     if not row.unstable:
         return "never"
     again = "" if row.unstable[0].end_s is None else ", again"

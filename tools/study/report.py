@@ -80,11 +80,15 @@ def _times(times_s: FloatArray) -> tuple[Cell, Cell]:
     return number(str(len(known_ms))), number(f"{np.median(known_ms):.0f}, {known_ms.max():.0f}")
 
 
+_OVER_A_BUS = "not known over a bus, on which frames wait for others"
+
+
 def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[str]]:
     """Return at which felt delays a hand wheel shakes, as a section and in lines to print."""
     if rows.felt_delay_s is None or rows.hand_wheel_shakes_hz is None:
         return [], []
     delay_ms, shakes = 1e3 * rows.felt_delay_s, np.isfinite(rows.hand_wheel_shakes_hz)
+    unknown = "" if study.bus is None else f"; {_OVER_A_BUS}"
     found, lines = [], []
     for factor in study.factors:
         for label in [] if factor.sets("plant.latency") else factor.labels:
@@ -98,9 +102,10 @@ def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[st
             found.append((Cell(what), *map(number, (count, most, least))))
             is_known = len(still_ms) + len(late_ms)
             felt = f"still up to {most} ms, shakes from {least} ms"
-            lines.append(f"{what}: {felt if is_known else f'{count} runs shake'}")
+            lines.append(f"{what}: {felt if is_known else f'{count} runs shake{unknown}'}")
     table = Table(("Hand wheel", "shake", "still up to [ms]", "shakes from [ms]"), found)
-    text = "By the felt delay: how old the wheel's angle is that the felt torque answers."
+    text = "By the felt delay: how old the wheel's angle is that the felt torque answers"
+    text += unknown + "."
     return [Section("When the hand wheel shakes", (text,), tables=[table])], lines
 
 

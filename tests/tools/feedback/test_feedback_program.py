@@ -26,15 +26,22 @@ def test_damping_and_an_observer_let_the_wheel_bear_a_longer_round_trip(tmp_path
     assert 5 * plain["hands_off"] < damped["hands_off"] < observed["hands_off"]
 
 
-def test_the_table_and_the_picture_show_the_same_loops(
+def test_the_table_and_the_picture_show_both_kinds_of_tyres(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    picture = tmp_path / "feedback.png"
-    assert main([*ONE_LOOP, "--preset", "bmw_320i", "--plot", str(picture)]) == 0
+    picture, both, alone = (tmp_path / name for name in ("p.png", "both.json", "alone.json"))
+    of_car = (*ONE_LOOP, "--preset", "bmw_320i")
+    assert main([*of_car, "--plot", str(picture)]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "first unstable round trip [ms], bmw_320i, cycle 1 ms"
-    assert [line.split()[1] for line in printed[2:]] == ["hands", "loose", "light", "firm"]
+    names = [line.split()[:2] for line in printed[2:]]
+    assert names[::2] == [["6", grip] for grip in ("hands", "loose", "light", "firm")]
+    assert names[1::2] == [["tyres", "lag"]] * 4
     assert picture.read_bytes().startswith(b"\x89PNG")
+    for file, option in ((both, []), (alone, ["--tyre-lag"])):
+        assert main([*of_car, "--json", str(file), *option]) == 0
+    known = json.loads(both.read_text())
+    assert known["loops_with_tyre_lag"] == json.loads(alone.read_text())["loops"] != known["loops"]
 
 
 def test_its_page_shows_what_it_prints(capsys: pytest.CaptureFixture[str]) -> None:
