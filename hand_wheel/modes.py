@@ -6,11 +6,11 @@
     HOLDING     the law's by the newest road, which is no longer fresh
     SAFE_STOP   fades out into local damping, then that alone
 
-As in the controller's table, in each mode the first row with a true guard decides. The law itself
+WAITING and ACTIVE end as soon as the road is fresh or no longer is, HOLDING and SAFE_STOP after
+good messages in a row. A fault of the wheel itself leads to SAFE_STOP for good. The law itself
 never branches on any of these.
 """
 
-from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from ..dbc.messages import Mode
@@ -50,59 +50,27 @@ class RoadEvidence(NamedTuple):
     own_fault: bool
 
 
-Guard = Callable[[FeedbackSupervision, FeedbackMode, RoadEvidence, int], bool]
-
-
-def is_fresh(p: FeedbackSupervision, _x: FeedbackMode, road: RoadEvidence, now_ns: int) -> bool:
-    """Whether the road was heard recently enough, or the law needs no road."""
-    if not road.is_needed:
-        return True
-    return road.arrival_ns is not None and now_ns - road.arrival_ns <= p.timeout_ns
-
-
-def is_stale(p: FeedbackSupervision, x: FeedbackMode, road: RoadEvidence, now_ns: int) -> bool:
-    """Whether the newest message is too old."""
-    return not is_fresh(p, x, road, now_ns)
-
-
-def is_trusted(p: FeedbackSupervision, x: FeedbackMode, road: RoadEvidence, now_ns: int) -> bool:
-    """Whether the road is back, and nothing else is wrong."""
-    is_back = not road.is_needed or x.good_run >= p.recovery_frames
-    return is_back and not road.own_fault and is_fresh(p, x, road, now_ns)
-
-
-def is_at_fault(_p: FeedbackSupervision, _x: FeedbackMode, road: RoadEvidence, _n: int) -> bool:
-    """Whether the hand wheel has detected a fault in itself."""
-    return road.own_fault
-
-
-def is_held_enough(
-    p: FeedbackSupervision, x: FeedbackMode, _road: RoadEvidence, now_ns: int
-) -> bool:
-    """Whether HOLDING has lasted for its time."""
-    return now_ns - x.entered_ns >= p.hold_ns
-
-
-TRANSITIONS: Mapping[Mode, tuple[tuple[Guard, Mode], ...]] = {
-    Mode.WAITING: ((is_at_fault, Mode.SAFE_STOP), (is_fresh, Mode.ACTIVE)),
-    Mode.ACTIVE: ((is_at_fault, Mode.SAFE_STOP), (is_stale, Mode.HOLDING)),
-    Mode.HOLDING: (
-        (is_at_fault, Mode.SAFE_STOP),
-        (is_trusted, Mode.ACTIVE),
-        (is_held_enough, Mode.SAFE_STOP),
-    ),
-    Mode.SAFE_STOP: ((is_trusted, Mode.ACTIVE),),
-}
-
-
 def feedback_mode_step(
     p: FeedbackSupervision, x: FeedbackMode, road: RoadEvidence, now_ns: int
 ) -> FeedbackMode:
     """Take at most one transition; a hold begins without good messages."""
-    for guard, following in TRANSITIONS[x.mode]:
-        if guard(p, x, road, now_ns):
-            return FeedbackMode(following, now_ns, 0 if following is Mode.HOLDING else x.good_run)
-    return x
+    is_fresh, is_back = not road.is_needed, x.good_run >= p.recovery_frames or not road.is_needed
+    if road.arrival_ns is not None and now_ns - road.arrival_ns <= p.timeout_ns:
+        is_fresh = True
+    following = x.mode
+    if road.own_fault:
+        following = Mode.SAFE_STOP
+    elif x.mode is Mode.WAITING:
+        following = Mode.ACTIVE if is_fresh else Mode.WAITING
+    elif x.mode is Mode.ACTIVE:
+        following = Mode.ACTIVE if is_fresh else Mode.HOLDING
+    elif is_back and is_fresh:
+        following = Mode.ACTIVE
+    elif now_ns - x.entered_ns >= p.hold_ns:
+        following = Mode.SAFE_STOP
+    if following is x.mode:
+        return x
+    return FeedbackMode(following, now_ns, 0 if following is Mode.HOLDING else x.good_run)
 
 
 def good_messages(
