@@ -28,19 +28,16 @@ from typing import Any, NamedTuple
 from rich.table import Table
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console, plain_table
-from steer_by_wire.closed_loop.scripting.feedback import UP_TO_S, Rack, road_torque
+from steer_by_wire.closed_loop.scripting.feedback import UP_TO_S, Rack
 from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.analysis.sampled_loop import (
     UnstableRange,
-    sampled_feedback,
     tolerated_jitter_s,
     unstable_round_trips,
 )
-from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
+from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
-from steer_by_wire.plant_emulator.vehicle.car.settings import CarSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import vehicle_params
-from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
     command_parser,
@@ -52,7 +49,7 @@ from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_file
 from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
-from steer_by_wire.tools.feedback.frontier import ROUND_TRIPS_S, Bench, Point
+from steer_by_wire.tools.feedback.frontier import ROUND_TRIPS_S, Bench, Design, Point
 from steer_by_wire.tools.feedback.frontier_runs import frontier
 
 NAME = "steer-by-wire feedback"
@@ -144,16 +141,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    preset = read_preset(PRESETS, options.preset)
-    plant = load_settings(PlantSettings, preset)
-    vehicle, car = vehicle_params(plant.vehicle), plant.car
+    plant = load_settings(PlantSettings, read_preset(PRESETS, options.preset))
+    car = plant.car
     if options.tyre_lag and car is None:
         raise SettingsError(f"--tyre-lag: {options.preset} is no car: its tyres do not lag")
-    models = [car] if options.tyre_lag or car is None else [None, car]
+    gradient_n_m, km_h = (
+        sorted(each)[len(each) // 2] for each in (options.torque_gradients, options.speeds_km_h)
+    )
+    lag_s = None if options.lag_ms is None else options.lag_ms / 1e3
+    bench = Bench(
+        vehicle_params(plant.vehicle)._replace(speed_m_s=km_h / 3.6),
+        gradient_n_m,
+        Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio, lag_s=lag_s),
+        HandWheel(options.inertia, options.damping, sensor_n_m_rad=options.torque_sensor),
+        options.cycle_ms / 1e3,
+        options.torque_noise,
+    )
+    models = [] if options.tyre_lag else [bench]
+    if car is not None:
+        models.append(bench._replace(car=car))
     what = f"{options.preset}{', tyres that lag' if options.tyre_lag else ''}"
     if options.frontier is not None:
-        return _show_frontier(options, vehicle, models, what)
-    rows = [_rows(options, vehicle, each, options.torque_gradients) for each in models]
+        title = f"{what}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
+        return _show_frontier(options.frontier, models, title)
+    rows = [_rows(options, each, options.torque_gradients) for each in models]
     title = f"first unstable round trip [ms], {what}, cycle {options.cycle_ms:g} ms"
     tables = [_table(rows, options.speeds_km_h, title, _first_ms, has_passive=True)]
     for place, at_ms in enumerate(options.jitter_at):
@@ -168,9 +179,9 @@ def _run(options: argparse.Namespace) -> int:
         gradients = [1.0 * 1.2**step for step in range(18)]
         drawn = [
             [(r.speed_km_h, r.grip, r.torque_gradient_n_m, r.first_s) for r in each]
-            for each in (_rows(options, vehicle, model, gradients) for model in models)
+            for each in (_rows(options, model, gradients) for model in models)
         ]
-        write_file(options.plot, draw(drawn, options.cycle_ms / 1e3, what))
+        write_file(options.plot, draw(drawn, bench.cycle_s, what))
     return ExitStatus.OK
 
 
@@ -179,38 +190,32 @@ def _of_both(name: str, models: Sequence[Sequence[Any]]) -> dict[str, Any]:
     return dict(zip((name, f"{name}_with_tyre_lag"), models, strict=False))
 
 
-def _rows(
-    options: argparse.Namespace,
-    vehicle: VehicleParams,
-    car: CarSettings | None,
-    gradients_n_m: Sequence[float],
-) -> list[Row]:
-    cases = product(gradients_n_m, GRIPS, options.speeds_km_h)
-    return [feedback_row(options, vehicle, car, *case) for case in cases]
+def _rows(options: argparse.Namespace, model: Bench, gradients_n_m: Sequence[float]) -> list[Row]:
+    """Return the loop of each torque gradient, grip and speed."""
+    rows, cycle_s = [], model.cycle_s
+    for gradient_n_m, grip, km_h in product(gradients_n_m, GRIPS, options.speeds_km_h):
+        moving = model.vehicle._replace(speed_m_s=km_h / 3.6)
+        case = model._replace(vehicle=moving, gradient_n_m=gradient_n_m, grip=grip)
+        law = PASS_THROUGH
+        if options.cdob is not None:
+            law = sampled_cdob(case.road(), cycle_s, options.cdob, options.washout)
+        loop = case.loop(Design("", law), 1.0)
+        held_n_m_s = model.wheel.damping_n_m_s + GRIPS[grip].damping_n_m_s
+        passive_s = max(0.0, held_n_m_s / gradient_n_m - 0.5 * cycle_s)
+        jitter_s = tuple(tolerated_jitter_s(loop, at_ms / 1e3) for at_ms in options.jitter_at)
+        unstable = unstable_round_trips(loop, UP_TO_S)
+        rows.append(Row(gradient_n_m, grip, km_h, unstable, passive_s, jitter_s))
+    return rows
 
 
 def _record(row: Row) -> dict[str, Any]:
     return row._asdict() | {"unstable": [each._asdict() for each in row.unstable]}
 
 
-def _show_frontier(
-    options: argparse.Namespace,
-    vehicle: VehicleParams,
-    models: Sequence[CarSettings | None],
-    what: str,
-) -> int:
+def _show_frontier(folder: Path, models: Sequence[Bench], title: str) -> int:
     from steer_by_wire.tools.feedback.picture import draw_frontier  # loads matplotlib
 
-    gradient_n_m, km_h = (
-        sorted(each)[len(each) // 2] for each in (options.torque_gradients, options.speeds_km_h)
-    )
-    moving = vehicle._replace(speed_m_s=km_h / 3.6)
-    rack, wheel, cycle_s = _rack(options), _wheel(options), options.cycle_ms / 1e3
-    found = [
-        frontier(Bench(moving, gradient_n_m, rack, wheel, cycle_s, options.torque_noise, car))
-        for car in models
-    ]
-    title = f"{what}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
+    found = [frontier(bench) for bench in models]
     marks = "F, I, J: shakes with friction, ice, jitter"
     tables = [
         _frontier_table(found, f"felt torque changed by [%], {title}; {marks}", _changed),
@@ -220,11 +225,11 @@ def _show_frontier(
         [point._asdict() | {"design": point.design and point.design.settings} for point in points]
         for points in found
     ]
-    options.frontier.mkdir(parents=True, exist_ok=True)
-    write_file(options.frontier / "frontier.png", draw_frontier(found, title))
+    folder.mkdir(parents=True, exist_ok=True)
+    write_file(folder / "frontier.png", draw_frontier(found, title))
     show = partial(plain_console().print, *tables, sep="\n")
-    file = options.frontier / "frontier.json"
-    show_or_write(file, {"title": title, **_of_both("points", record)}, show)
+    written = {"title": title, **_of_both("points", record)}
+    show_or_write(folder / "frontier.json", written, show)
     return ExitStatus.OK
 
 
@@ -249,40 +254,6 @@ def _changed(point: Point) -> str:
 
 def _late(point: Point) -> str:
     return "never" if point.late_s == inf else f"{1e3 * point.late_s:.0f}"
-
-
-def feedback_row(
-    options: argparse.Namespace,
-    vehicle: VehicleParams,
-    car: CarSettings | None,
-    gradient_n_m: float,
-    grip: str,
-    km_h: float,
-) -> Row:
-    """Return the unstable round trips of one loop."""
-    cycle_s, damping_n_m_s = options.cycle_ms / 1e3, options.damping
-    moving = vehicle._replace(speed_m_s=km_h / 3.6)
-    road = road_torque(moving, gradient_n_m, _rack(options), car)
-    wheel = held_wheel(_wheel(options), GRIPS[grip])
-    law = PASS_THROUGH
-    if options.cdob is not None:
-        law = sampled_cdob(road, cycle_s, options.cdob, options.washout)
-    loop = sampled_feedback(wheel, road, cycle_s, law)
-    held_n_m_s = damping_n_m_s + GRIPS[grip].damping_n_m_s
-    passive_s = max(0.0, held_n_m_s / gradient_n_m - 0.5 * cycle_s)
-    jitter_s = tuple(tolerated_jitter_s(loop, at_ms / 1e3) for at_ms in options.jitter_at)
-    unstable = unstable_round_trips(loop, UP_TO_S)
-    return Row(gradient_n_m, grip, km_h, unstable, passive_s, jitter_s)
-
-
-def _wheel(options: argparse.Namespace) -> HandWheel:
-    sensor = options.torque_sensor
-    return HandWheel(options.inertia, options.damping, sensor_n_m_rad=sensor)
-
-
-def _rack(options: argparse.Namespace) -> Rack:
-    lag_s = None if options.lag_ms is None else options.lag_ms / 1e3
-    return Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio, lag_s=lag_s)
 
 
 def _table(

@@ -62,7 +62,8 @@ _NOISE_FREQUENCIES = 300
 class Bench(NamedTuple):
     """What every law is tried on; ``noise_n_m`` is the torque noise that it may make, RMS.
 
-    ``car``  whose tyres lag; None: they do not
+    ``car``   whose tyres lag; None: they do not
+    ``grip``  one of GRIPS
     """
 
     vehicle: VehicleParams
@@ -72,6 +73,7 @@ class Bench(NamedTuple):
     cycle_s: float
     noise_n_m: float
     car: CarSettings | None = None
+    grip: str = "hands_off"
 
     def road(self, factor: float = 1.0, grip: float = 1.0) -> LinearSystem:
         """Return the road's torque at a multiple of the gradient, and with less grip."""
@@ -87,14 +89,14 @@ class Bench(NamedTuple):
         return spring_torque(self.road(1.0, grip), self.gradient_n_m, self.rack)
 
     def loop(self, design: "Design", factor: float, grip: float = 1.0) -> SampledFeedback:
-        """Return the loop of a design, without hands."""
+        """Return the loop of a design."""
         road = self.spring(grip) if design.is_spring else self.road(factor, grip)
         return sampled_feedback(self.held, road, self.cycle_s, design.law)
 
     @property
     def held(self) -> LinearSystem:
-        """The wheel without hands."""
-        return held_wheel(self.wheel, GRIPS["hands_off"])
+        """The wheel in the driver's hands."""
+        return held_wheel(self.wheel, GRIPS[self.grip])
 
 
 Ideals = Mapping[float, NDArray[np.complex128]]
