@@ -2,6 +2,8 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -14,7 +16,7 @@ from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.study import __main__
 from steer_by_wire.tools.study.against_pd import comparison_section
 from steer_by_wire.tools.study.law_by_delay import law_by_delay
-from steer_by_wire.tools.study.report import PAGE, reaction_sections, write
+from steer_by_wire.tools.study.report import PAGE, hand_wheel_section, reaction_sections, write
 from tests.support.runs.small_study import CORNERS, complete
 from tests.support.suite.unrendered import unrendered as unrendered
 
@@ -193,3 +195,19 @@ def test_laws_are_compared_run_by_run_where_both_hold(study: Study) -> None:
     assert ddob[1:5] == ["3 (75.0 %)", "1", "1", f"{0.5 * (1 / 2 + 3 / 4):.3f}"]
     assert ddob[6] == "100.0 %"
     assert (pd[4], pd[6], pd[8]) == ("1.000", "0.0 %", "5,000")
+
+
+def test_the_lines_of_a_hand_wheel_say_why_no_felt_delay_is_known() -> None:
+    factor = SimpleNamespace(name="law", labels=("a",), sets=lambda _key: False)
+    rows: Any = SimpleNamespace(
+        felt_delay_s=np.full(2, np.nan),
+        hand_wheel_shakes_hz=np.array([np.nan, 1.0]),
+        factors={"law": np.array(["a", "a"])},
+    )
+    for bus, ending in (
+        (None, ""),
+        ({}, "; not known over a bus, on which frames wait for others"),
+    ):
+        study: Any = SimpleNamespace(factors=[factor], bus=bus)
+        _, lines = hand_wheel_section(study, rows)
+        assert lines == [f"law a: 1 of 2 runs shake{ending}"]
