@@ -90,7 +90,7 @@ def _way(
     """
     sent, drawn_s = _sent(shown["mean_s"], shown["jitter_s"], frame_s, sample_s)
     at_s, latency_s = history.points()
-    if len(latency_s) > 100 and shown["jitter_s"] > _JITTER_S_MIN:
+    if len(latency_s) > 100 and shown["jitter_s"] > _JITTER_S_MIN and history.is_whole:
         kept = _kept(latency_s)
         if kept > max(_kept(drawn_s), 0.0) + 0.1 + 3.0 / np.sqrt(len(latency_s)):
             correlation_s = float(-np.median(np.diff(at_s)) / log(min(kept, exp(-1e-3))))
@@ -112,25 +112,16 @@ def _sent(
     ``sample_s``  period of the samples that see them; 0 if they are seen on arrival
     """
     uniform = np.random.default_rng(1).uniform(1e-6, 1.0 - 1e-6, _DRAWN)
-    sent = Way(max(mean_s - 0.5 * sample_s, 1e-4), max(jitter_s, 1e-6))
-    shown = np.zeros(2)
+    sent_s, spread_s, shown_s = max(mean_s - 0.5 * sample_s, 1e-4), max(jitter_s, 1e-6), uniform
     for _ in range(_ROUNDS):
-        shown = _shown(_gamma(uniform, sent), frame_s, sample_s)
-        if len(shown) < 100:
+        shape = min(max((sent_s / max(spread_s, 1e-6)) ** 2, 1e-3), 1e6)
+        shown_s = _shown(gammaincinv(shape, uniform) * sent_s / shape, frame_s, sample_s)
+        if len(shown_s) < 100:
             break
         # A jitter of less than the wait for a sample is not seen.
-        ratio = jitter_s / max(float(shown.std()), 1e-9)
-        spread_s = sent.spread_s * float(np.clip(ratio, 0.5, 2.0))
-        sent = Way(max(sent.mean_s + mean_s - float(shown.mean()), 0.0), spread_s)
-    return sent, shown
-
-
-def _gamma(uniform: FloatArray, sent: Way) -> FloatArray:
-    if sent.mean_s <= 0.0:
-        return np.zeros_like(uniform)
-    shape = max((sent.mean_s / max(sent.spread_s, 1e-6)) ** 2, 1e-3)
-    drawn: FloatArray = gammaincinv(min(shape, 1e6), uniform) * sent.mean_s / min(shape, 1e6)
-    return drawn
+        spread_s *= min(max(jitter_s / max(float(shown_s.std()), 1e-9), 0.5), 2.0)
+        sent_s = max(sent_s + mean_s - float(shown_s.mean()), 0.0)
+    return Way(sent_s, spread_s), shown_s
 
 
 def _shown(latency_s: FloatArray, frame_s: float, sample_s: float) -> FloatArray:

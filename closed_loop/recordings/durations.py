@@ -191,6 +191,11 @@ class History:
         """Return times [s] and values that are kept, each of shape (n,)."""
         return np.array(self._time_s), np.array(self._values)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether all points are kept."""
+        return len(self._values) == self._samples
+
     def report(self) -> dict[str, Any]:
         """Return mean, root mean square and peak, with its sign and time."""
         if not self._samples:

@@ -37,6 +37,8 @@ from .sensing_times import relative_uplink
 BLOCK = 50_000
 IN_FLIGHT_MAX = 4096
 """Commands whose time is remembered, as in the controller's own measurement."""
+TRACE_MAX = 200_000
+"""Latencies of a direction that are all kept: half an hour at 100 Hz."""
 REPORTS_MIN = 5
 """PLANT_STATUS messages that a block needs for their latencies to be used."""
 _RESOLUTION_S = 0.5 * messages.resolutions(messages.PlantStatus)["uplink_latency_s"]
@@ -93,6 +95,7 @@ class Latencies:
         self.measured = {name: Durations(_RESOLUTION_S) for name in MEASURED}
         self.measured["round_trip"] = Durations()
         self.history = {name: History() for name in MEASURED}
+        self.history |= {name: History(TRACE_MAX) for name in ("uplink", "downlink")}
         self.commands = 0
         self.is_absolute = True
         self.samples_skipped = 0
