@@ -111,11 +111,17 @@ def _recording_file(text: str) -> Path:
     return path
 
 
-def settings_file(*packages: str) -> Callable[[str], Path]:
-    """Return the type of an option that takes a TOML file, or one of these packages by its name."""
+def settings_file(
+    *packages: str, belongs: Callable[[str], bool] = bool
+) -> Callable[[str], Path]:  # fmt: skip
+    """Return the type of an option that takes a TOML file, or one of these packages by its name.
+
+    ``belongs``  whether a name is one of those that the option takes
+    """
 
     def names() -> dict[str, str]:
-        return {name: package for package in packages for name in preset_names(package)}
+        of_packages = ((name, package) for package in packages for name in preset_names(package))
+        return {name: package for name, package in of_packages if belongs(name)}
 
     def read(text: str) -> Path:
         if text.endswith(".toml") or os.path.exists(text):

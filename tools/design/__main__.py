@@ -55,12 +55,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     vehicles = [name for name in preset_names(SHIPPED) if name.endswith("_vehicle")]
     shipped = [name for name in preset_names(SHIPPED) if name not in vehicles]
     parser.add_argument(
-        "vehicle", type=settings_file(SHIPPED), metavar="VEHICLE",
+        "vehicle", type=settings_file(SHIPPED, belongs=vehicles.__contains__), metavar="VEHICLE",
         help=f"a file, a folder of identify, or one of {', '.join(vehicles)}",
     )  # fmt: skip
     wanted = parser.add_mutually_exclusive_group(required=True)
     wanted.add_argument(
-        "--spec", type=settings_file(SHIPPED), metavar="SPEC",
+        "--spec", type=settings_file(SHIPPED, belongs=shipped.__contains__), metavar="SPEC",
         help=f"a file, or one of {', '.join(shipped)}",
     )  # fmt: skip
     wanted.add_argument(

@@ -32,6 +32,14 @@ _ONE_GENERATION_MINUTES = 1e-6
 Draw = Callable[[st.SearchStrategy[Any]], Any]
 
 
+def test_a_wrong_vehicle_is_answered_with_vehicles_alone(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        design_gains.main(["road", "--spec", "road"])
+    assert "one of highway_vehicle, paper_vehicle, sedan_vehicle\n" in capsys.readouterr().err
+
+
 def between(low: float, high: float) -> st.SearchStrategy[float]:
     """Numbers evenly on a logarithmic axis, with four digits."""
     exponents = st.floats(0.0, 1.0, allow_nan=False)
