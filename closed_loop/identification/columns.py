@@ -145,13 +145,15 @@ def _mapped(
 def proposed_mapping(file: Path) -> str:
     """Return a mapping of a table as TOML, each guess with a comment; raises SettingsError."""
     lines = [f"# Columns of {file.name}: check each, its unit and its sign (left is positive)."]
-    taken = set[str]()
     names = column_names(file)
     if not any(names):
         raise SettingsError(f"{file}: is empty: needs a heading that names its columns")
+    taken = {str(known[0] or "time_s") for known in map(_role, names) if known}
     for column in names:
-        role = next((role for role, words in _GUESSES if re.search(words, column)), None)
-        if role is None or role in taken:
+        role = next((role for role, words in _GUESSES if re.search(words, column)), "")
+        if _role(column):
+            role = re.sub(r"\W", "_", column)
+        elif not role or role in taken:
             lines.append(f"# not read: {column!r}")
             continue
         taken.add(role)
