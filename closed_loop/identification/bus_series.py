@@ -22,25 +22,28 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..recordings.bus_listener import command_at
 from ..recordings.latency_and_jitter import Latencies
 from ..recordings.log_analysis import LoggedMessages, analyse_files
 from ..recordings.log_file import open_log
+from ..recordings.sensing_times import relative_uplink
 from .time_series import PAUSE_S, Channel, Quantity
 
 _SAMPLES_MIN = 50
+_QUANTITIES = {
+    SteeringStatus: (Quantity.WHEEL, Quantity.COMMAND),
+    VehicleState: (Quantity.SPEED, Quantity.YAW_RATE),
+}
 
 
 class BusLog(NamedTuple):
     """What a log of the bus holds.
 
-    ``command_rad``  the command in effect at each sample of the wheel; NaN where it is not known
+    Its command is the one in effect at each sample of the wheel; NaN where it is not known.
     """
 
     channels: list[Channel]
-    command_rad: FloatArray
     figures: dict[str, Any]
     latencies: Latencies
 
@@ -120,37 +123,25 @@ def read_bus(
     figures, analysis = analyse_files(
         paths, None, [collector], begin, listening=language.listening()
     )  # fmt: skip
-    channels, command_rad = list[Channel](), np.empty(0)
-    lacking = language.missing
-    for kind, quantities in (
-        (SteeringStatus, (Quantity.WHEEL, None)),
-        (VehicleState, (Quantity.SPEED, Quantity.YAW_RATE)),
-    ):
+    channels = list[Channel]()
+    for kind, quantities in _QUANTITIES.items():
         rows = np.array(collector.rows[kind])
         if len(rows) < _SAMPLES_MIN:
             continue
-        rows = rows[np.concatenate(([True], np.diff(rows[:, 0]) > 0.0))]
-        time_s = _sensing_times(rows[:, 0], rows[:, 1], of_ours=language.file is None)
-        if channels and language.file is None:
-            # One sample of the plant gives both messages.
-            period_s = channels[0].period_s
-            off = (time_s - channels[0].time_s[0]) / period_s
-            time_s = time_s - period_s * np.median(off - np.round(off))
+        rows = rows[np.diff(rows[:, 0], prepend=-np.inf) > 0.0]
+        time_s = rows[:, 1]
+        if language.file is None:
+            arrivals_ns = NS_PER_S * time_s
+            silences_ns = np.diff(arrivals_ns, prepend=arrivals_ns[0])
+            uplink_ns = relative_uplink(rows[:, 0], arrivals_ns, silences_ns).latency_ns
+            time_s = time_s - uplink_ns / NS_PER_S
+            if channels:
+                # One sample of the plant gives both messages.
+                off = (time_s - channels[0].time_s[0]) / channels[0].period_s
+                time_s -= channels[0].period_s * np.median(off - np.round(off))
+        # A recorder may give several frames one time.
+        time_s = np.maximum.accumulate(time_s + 1e-9 * np.arange(len(rows)))
         for quantity, values in zip(quantities, rows.T[2:], strict=True):
-            if quantity is None:
-                command_rad = values
-            elif str(quantity) not in lacking:
+            if str(quantity) not in language.missing:
                 channels.append(Channel(str(quantity), quantity, time_s, values))
-    return BusLog(channels, command_rad, figures, analysis.latencies)
-
-
-def _sensing_times(number: FloatArray, arrival_s: FloatArray, *, of_ours: bool) -> FloatArray:
-    """Return evenly spaced times, as long as they explain when the samples came."""
-    if not of_ours:
-        return np.maximum.accumulate(arrival_s + 1e-9 * np.arange(len(arrival_s)))
-    period_s, start_s = np.polyfit(number, arrival_s, 1)
-    even: FloatArray = start_s + period_s * number
-    late = arrival_s - even
-    # A plant that was restarted, or samples that were skipped: two stretches of numbers.
-    stretches = np.flatnonzero(np.abs(np.diff(late)) > 0.5)
-    return even if not len(stretches) else np.maximum.accumulate(arrival_s)
+    return BusLog(channels, figures, analysis.latencies)

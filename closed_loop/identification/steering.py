@@ -6,17 +6,18 @@ A command takes effect somewhere within a period of the plant's samples; where i
 dead time is known only within a period, and a rate limit only as the fastest motion seen.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from math import exp, isnan
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import approx_fprime, least_squares
 
 from ...runtime.array_types import FloatArray
 from ..compiled.compilation import compiled
 from .figures import Figure, Verdict
+from .time_series import Channel, Quantity
 
 _SAMPLES_MIN = 200
 _STEPS = 10
@@ -35,10 +36,22 @@ class Steering(NamedTuple):
     notes: list[str]
 
 
+def steering_of(channels: Sequence[Channel]) -> Steering | None:
+    """Return what a log tells of its steering, or None where it has no wheel or no commands."""
+    by_quantity = {one.quantity: one for one in channels}
+    wheel, command = map(by_quantity.get, (Quantity.WHEEL, Quantity.COMMAND))
+    if wheel is None or command is None:
+        return None
+    both = np.intersect1d(wheel.time_s, command.time_s, return_indices=True)
+    return identify_steering(both[0], wheel.values[both[1]], command.values[both[2]])
+
+
 def identify_steering(
     time_s: FloatArray, wheel_rad: FloatArray, command_rad: FloatArray
 ) -> Steering | None:
     """Return what commands and wheel tell, or None where too few commands are known."""
+    if np.isfinite(command_rad).sum() < _SAMPLES_MIN:
+        return None
     period_s = float(np.median(np.diff(time_s)))
     # With a place for each sample that was lost.
     places = np.round((time_s - time_s[0]) / period_s).astype(np.int64)
@@ -47,7 +60,7 @@ def identify_steering(
     first = int(np.argmax(np.isfinite(command)))
     wheel, command = wheel[first:], command[first:]
     known = np.isfinite(command)
-    if known.sum() < _SAMPLES_MIN or np.ptp(command[known]) < 20 * _QUANTUM_RAD:
+    if np.ptp(command[known]) < 20 * _QUANTUM_RAD:
         return None
     numbers = np.arange(len(command))
     command = command[known][np.searchsorted(numbers[known], numbers, side="right") - 1]
@@ -67,7 +80,8 @@ def identify_steering(
     limits = ([5e-3, 0.0, 0.0], [100.0, 50.0, 50.0])
 
     def best(starts: Iterable[Sequence[float] | FloatArray]) -> Any:
-        slopes = partial(_differences, errors)
+        # Steps wide enough for a wheel of finite resolution.
+        slopes = partial(approx_fprime, f=errors, epsilon=0.01)
         ends = [
             least_squares(errors, np.clip(x, *limits), bounds=limits, jac=slopes) for x in starts
         ]
@@ -110,12 +124,6 @@ def identify_steering(
     )
     figures = [one._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=why) for one in figures]
     return Steering(figures, table, [f"steering: {why}"])
-
-
-def _differences(errors: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
-    """Return the derivatives by steps wide enough for a wheel of finite resolution."""
-    here = errors(x)
-    return np.column_stack([(errors(x + 0.01 * row) - here) / 0.01 for row in np.eye(len(x))])
 
 
 def _figure(name: str, value: float, low: float, high: float, enough: float) -> Figure:

@@ -68,19 +68,20 @@ def vehicle_toml(found: Fit, figures: Sequence[Figure], speed_m_s: float, source
         **{key: values[key] for key in IdentifiedSettings.model_fields if key in values},
         lateral_acceleration_ahead_m=known.lateral_acceleration_ahead_m,
     )
-    lines += _table_lines("vehicle", driven.model_dump(include=set(NominalVehicle._fields)))
+    lines += table_lines("vehicle", driven.model_dump(include=set(NominalVehicle._fields)))
     lines += ["", "[uncertainty]  # for design"]
     lines += [
         f"{_BOX[one.name]} = [{mass_kg * one.low:.6g}, {mass_kg * one.high:.6g}]"
         for one in figures
         if one.name in _BOX and one.verdict is Verdict.IDENTIFIED
     ]
-    lines += _table_lines("car", car.model_dump(include=set(_CAR)))
-    lines += [f'tyre = "{car.tyre}"', *_table_lines("identified", own.model_dump())]
+    lines += table_lines("car", car.model_dump(include=set(_CAR)))
+    lines += [f'tyre = "{car.tyre}"', *table_lines("identified", own.model_dump())]
     return "\n".join(lines) + "\n"
 
 
-def _table_lines(name: str, values: Mapping[str, float]) -> list[str]:
+def table_lines(name: str, values: Mapping[str, float]) -> list[str]:
+    """Return the lines of a table of TOML."""
     return ["", f"[{name}]", *(f"{key} = {value:.6g}" for key, value in values.items())]
 
 

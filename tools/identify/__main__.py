@@ -31,11 +31,12 @@ from steer_by_wire.closed_loop.identification.fit import Stopped
 from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
 from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
 from steer_by_wire.closed_loop.identification.parameters import Known
-from steer_by_wire.closed_loop.identification.steering import Steering, identify_steering
-from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
+from steer_by_wire.closed_loop.identification.steering import Steering, steering_of
+from steer_by_wire.closed_loop.identification.time_series import Channel, make_drive
 from steer_by_wire.closed_loop.identification.vehicle_file import (
     figure_line,
     read_vehicle,
+    table_lines,
     vehicle_toml,
 )
 from steer_by_wire.closed_loop.recordings.logged import LogError
@@ -108,11 +109,11 @@ def _run(options: argparse.Namespace) -> int:
     progress, source = _Progress(), ", ".join(log.name for log in options.logs)
     try:
         channels, bus = _read(options, progress)
-        chosen = [_between(one, options) for one in channels]
+        between = (options.start_s or -inf, options.end_s or inf)
+        chosen = [one.within([between], 0.0) for one in channels]
         if not any(len(one.time_s) for one in chosen):
             raise SettingsError(f"{source}: has no sample between --from and --to")
-        drive = make_drive(chosen, source)
-        steering = None if bus is None else _steering(bus)
+        drive, steering = make_drive(chosen, source), steering_of(chosen)
     except KeyboardInterrupt:
         say(NAME, "interrupted while the logs were read: no file is written", sys.stderr)
         return ExitStatus.INTERRUPTED
@@ -126,13 +127,13 @@ def _run(options: argparse.Namespace) -> int:
     progress.keep_the_best()
     found = identify(drive, known, progress.advance)
     margin = delay_margin(found.found, found.speed_m_s, options.controller, progress.advance)
-    texts = _tables(found, source, bus, steering)
-    if steering is not None:
-        figures, notes = [*found.figures, *steering.figures], [*found.notes, *steering.notes]
-        found = found._replace(figures=figures, notes=notes)
+    notes = [*found.notes, *(steering.notes if steering else ())]
     if progress.stopped_in:
         stopped = f"interrupted in {progress.stopped_in}: the best so far; intervals may be wrong"
-        found = found._replace(notes=[*found.notes, stopped])
+        notes, source = [*notes, stopped], f"{source} ({stopped})"
+    texts = _tables(found, source, bus, steering)
+    figures = [*found.figures, *(steering.figures if steering else ())]
+    found = found._replace(figures=figures, notes=notes)
     advice = _advice(margin, found)
     _write(options.out, texts, found, advice)
     lines = [f"note: {note}" for note in found.notes]
@@ -165,13 +166,6 @@ def _read(
     return bus.channels, bus
 
 
-def _steering(bus: BusLog) -> Steering | None:
-    wheels = [one for one in bus.channels if one.quantity is Quantity.WHEEL]
-    if not wheels or len(bus.command_rad) != len(wheels[0].values):
-        return None
-    return identify_steering(wheels[0].time_s, wheels[0].values, bus.command_rad)
-
-
 def _advice(margin: DelayMargin | None, found: Identification) -> list[str]:
     """Return what is said of delays, and what to measure next."""
     if margin is None:
@@ -188,14 +182,9 @@ def _advice(margin: DelayMargin | None, found: Identification) -> list[str]:
         how = _MEASURED.get(margin.narrows, "drive more of it")
         lines.append(f"most of that interval comes from {margin.narrows}: {how}")
     wanted = {one.note for one in found.figures if one.verdict is Verdict.NOT_IDENTIFIABLE}
-    return lines + [f"next: {note}" for note in sorted(wanted) if note.startswith("drive")]
-
-
-def _between(channel: Channel, options: argparse.Namespace) -> Channel:
-    """Return what lies between two times since the channel's start."""
-    since_s = channel.time_s - (channel.time_s[0] if len(channel.time_s) else 0.0)
-    inside = (since_s >= (options.start_s or 0.0)) & (since_s <= (options.end_s or inf))
-    return channel._replace(time_s=channel.time_s[inside], values=channel.values[inside])
+    # A drive that another one begins with is not told twice.
+    whole = (one for one in sorted(wanted) if not any(it.startswith(f"{one},") for it in wanted))
+    return lines + [f"next: {note}" for note in whole if note.startswith("drive")]
 
 
 class _Progress:
@@ -230,22 +219,26 @@ def _tables(
     found: Identification, source: str, bus: BusLog | None, steering: Steering | None
 ) -> dict[str, str]:
     """Return the text of the files that other commands take, by name."""
+    lines = [f"# Steering identified from {source}."]
     if steering is None:
         total = {one.name: one for one in found.figures}["delay_and_lag_s"]
-        lines = ["The sum of delay and lag, as a lag; sensors included.", figure_line(total)]
+        lines += [
+            "# The sum of delay and lag, as a lag; sensors included.",
+            f"# {figure_line(total)}",
+        ]
         table = {"lag_s": total.value if total.value >= LAG_S_MIN else 0.0}
     else:
-        lines, table = [figure_line(one) for one in steering.figures], steering.table
-    text = "".join(f"# {line}\n" for line in lines) + "\n[actuator]\n"
+        lines += [f"# {figure_line(one)}" for one in steering.figures]
+        table = steering.table
     files = {
         "vehicle.toml": vehicle_toml(found.found, found.figures, found.speed_m_s, source),
-        "actuator.toml": text + "".join(f"{key} = {it:.6g}\n" for key, it in table.items()),
+        "actuator.toml": "\n".join([*lines, *table_lines("actuator", table), ""]),
     }
     network = None if bus is None else network_toml(bus.figures, bus.latencies)
     if bus is not None and network is not None:
         files["network.toml"] = network
-        for way in ("downlink", "uplink"):
-            files[f"{way}.csv"] = trace_csv(bus.latencies.history[way])
+        traces = {way: bus.latencies.history[way] for way in ("downlink", "uplink")}
+        files |= {f"{way}.csv": trace_csv(one) for way, one in traces.items() if one.is_whole}
     return files
 
 

@@ -9,8 +9,15 @@ import pytest
 
 from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
 from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
-from steer_by_wire.closed_loop.identification.steering import identify_steering
-from steer_by_wire.closed_loop.identification.time_series import PAUSE_S, Quantity, make_drive
+from steer_by_wire.closed_loop.identification.steering import identify_steering, steering_of
+from steer_by_wire.closed_loop.identification.time_series import (
+    PAUSE_S,
+    Channel,
+    Quantity,
+    make_drive,
+)
+from steer_by_wire.closed_loop.recordings.durations import POINTS_MAX
+from steer_by_wire.closed_loop.recordings.latency_and_jitter import Latencies
 from steer_by_wire.dbc.bus_language import BusLanguage
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings
@@ -87,6 +94,16 @@ def test_lag_dead_time_and_play_lie_in_their_intervals(lag_s, dead_s, play_rad) 
     assert figures["dead_band_rad"].value == pytest.approx(play_rad, abs=2e-4)
 
 
+def test_a_table_of_wheel_and_commands_tells_the_steering() -> None:
+    time_s, wheel, command = follower(0.05, 0.0, 0.0)
+    of_table = [
+        Channel("wheel_angle_rad", Quantity.WHEEL, time_s, wheel),
+        Channel("steer_rad", Quantity.COMMAND, time_s[5:], command[5:]),
+    ]
+    assert steering_of(of_table).figures[0].value == pytest.approx(0.05, rel=0.02)
+    assert steering_of(of_table[:1]) is None
+
+
 def test_a_wheel_that_is_where_it_is_told_to_be_has_next_to_no_lag() -> None:
     time_s, _, command = follower(0.05, 0.0, 0.0)
     lag, *_ = identify_steering(time_s, command, command).figures
@@ -112,9 +129,16 @@ def test_a_trace_of_a_log_is_one_that_the_plant_reads(bus, tmp_path) -> None:
     assert load_settings(PlantSettings, overrides=[override]).latency.uplink.trace_file == file
 
 
+def test_a_trace_has_every_latency_of_half_an_hour() -> None:
+    uplink = Latencies().history["uplink"]
+    for number in range(POINTS_MAX + 1):
+        uplink.add(0.01 * number, 0.03)
+    assert uplink.is_whole
+    assert len(trace_csv(uplink).splitlines()) == POINTS_MAX + 2
+
+
 def test_the_steering_of_a_run_lies_within_a_period(bus) -> None:
-    (wheel,) = [one for one in bus.channels if one.quantity is Quantity.WHEEL]
-    found = identify_steering(wheel.time_s, wheel.values, bus.command_rad)
+    found = steering_of(bus.channels)
     figures = {one.name.removeprefix("actuator:"): one for one in found.figures}
     total = figures["delay_and_lag_s"]
     assert total.low - 0.002 <= LAG_S + DEAD_S <= total.high + 0.002

@@ -79,17 +79,19 @@ def test_an_interrupt_keeps_what_is_known_so_far(log, tmp_path, capsys, monkeypa
         assert f"interrupted in {phase}: the best so far" in output.out
         last = output.out.splitlines()[-1].partition(": ")[2]
         assert sorted(last.split(", ")) == files
+        for name in ("vehicle.toml", "actuator.toml"):
+            assert f"interrupted in {phase}" in (out / name).read_text().partition("\n")[0]
 
 
 def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
     renamed = log.read_text().replace("hand_wheel_rad", "SteerAngle", 1)
-    log.write_text(renamed.replace("yaw_rate_rad_s", "YAW", 1))
+    log.write_text(renamed.replace("yaw_rate_rad_s", "YAW,yaw_rate_of_rack_deg_s", 1))
     assert main([str(log)]) == 2
     assert "has no hand_wheel_rad" in capsys.readouterr().err
     assert main(["new", str(log)]) == 0
     mapping = tomllib.loads(capsys.readouterr().out)["columns"]
     assert mapping["hand_wheel_rad"]["column"] == "steerangle"
-    assert mapping["yaw_rate_rad_s"]["unit"] == "rad_s"
+    assert mapping["yaw_rate_of_rack_deg_s"]["unit"] == "deg_s"
 
 
 @pytest.mark.parametrize(
