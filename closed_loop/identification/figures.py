@@ -13,6 +13,7 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import approx_fprime
 
 from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...runtime.array_types import FloatArray
@@ -260,13 +261,10 @@ def half_of(found: Fit, parameter: str) -> float:
 
 def _slope(found: Fit, quantity: _Quantity) -> FloatArray:
     """Return the derivatives of a quantity by the coordinates, shape (p,)."""
-    slope = np.zeros(len(found.x))
-    for at, one in enumerate(found.problem.coordinates):
-        places = found.x[at] + 1e-4 * one.scale * np.array([-1.0, 1.0])
-        below, above = found.x.copy(), found.x.copy()
-        below[at], above[at] = np.clip(places, one.low, one.high)
-        values = (figure_values(found.problem.values(x))[quantity.name] for x in (above, below))
-        slope[at] = (next(values) - next(values)) / (above[at] - below[at])
+    steps = [1e-4 * one.scale for one in found.problem.coordinates]
+    slope: FloatArray = approx_fprime(
+        found.x, lambda x: figure_values(found.problem.values(x))[quantity.name], steps
+    )
     return slope
 
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import correlate
 
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
@@ -163,10 +164,10 @@ def _doubts(found: Fit, progress: Progress) -> list[Doubt]:
 
 
 def _cross_correlation(errors: FloatArray, steering: FloatArray) -> float:
+    """Return the largest correlation of errors with what was steered up to 100 samples before."""
     e, u = errors - errors.mean(), steering - steering.mean()
-    scale = float(np.sqrt((e @ e) * (u @ u)))
-    lags = range(min(101, len(e) // 2))
-    return max(abs(float(e[lag:] @ u[: len(u) - lag])) / scale for lag in lags)
+    later = correlate(e, u)[len(u) - 1 :][: min(101, len(e) // 2)]
+    return float(np.abs(later).max() / np.sqrt((e @ e) * (u @ u)))
 
 
 def _refuse_wrong_sign(drive: Drive) -> None:

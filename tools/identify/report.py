@@ -9,8 +9,8 @@ from scipy.signal import coherence, csd
 
 from steer_by_wire.closed_loop.identification.figures import Verdict
 from steer_by_wire.closed_loop.identification.identified import Identification
-from steer_by_wire.closed_loop.identification.response import Response, respond, seen
-from steer_by_wire.closed_loop.identification.time_series import Drive, Quantity
+from steer_by_wire.closed_loop.identification.response import STEP_S, Response, respond, seen
+from steer_by_wire.closed_loop.identification.time_series import Quantity
 from steer_by_wire.closed_loop.identification.vehicle_file import shown
 from steer_by_wire.closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from steer_by_wire.closed_loop.reports.plot_style import plot_style, png_of
@@ -18,7 +18,7 @@ from steer_by_wire.closed_loop.reports.plot_style import plot_style, png_of
 _MARKS = {Verdict.IDENTIFIED: "good", Verdict.COMBINATION: "fair", Verdict.NOT_IDENTIFIABLE: "poor"}
 _UNITS = {Quantity.YAW_RATE: "rad/s", Quantity.LATERAL_ACCELERATION: "m/s²"}
 _UNIT_OF_NAME = re.compile("_(rad_s|deg_s|m_s2|g)$")
-_WINDOW_S, _HZ_MAX, _COHERENT = 8.0, 4.0, 0.8
+_PERIOD_S, _WINDOW_S, _HZ_MAX, _COHERENT = 0.01, 8.0, 4.0, 0.8
 
 
 def report_html(found: Identification, lines: Sequence[str]) -> str:
@@ -47,7 +47,7 @@ def report_html(found: Identification, lines: Sequence[str]) -> str:
             [f"Residual of yaw rate: {found.residual_percent:.2f} %"],
             [_response_picture(found, response)], [Table(["test", "result"], tests)], found.notes,
         ),
-        Section("Frequency response", [frequency], [_frequency_picture(found.drive, response)]),
+        Section("Frequency response", [frequency], [_frequency_picture(found, response)]),
         Section("What to drive next", [plan], [_plan_picture(asks_for_slow)]),
     ]  # fmt: skip
     return page("Identified car", sections)
@@ -68,25 +68,26 @@ def _response_picture(found: Identification, response: Response) -> Picture:
     return Picture(png_of(canvas), "measured and simulated over time")
 
 
-def _frequency_picture(drive: Drive, response: Response) -> Picture:
-    start, end = max(drive.segments, key=lambda one: one[1] - one[0])
-    even, rate = np.arange(start, end, 0.01), drive.outputs[0]
-    steering = np.interp(even, drive.steering.time_s, drive.steering.values)
-    measured = np.interp(even, rate.time_s, rate.values)
-    simulated = np.interp(even, response.time_s, response.yaw_rate_rad_s)
-    options = {"fs": 100.0, "nperseg": int(min(_WINDOW_S * 100.0, len(even)))}
+def _frequency_picture(found: Identification, response: Response) -> Picture:
+    grid, rate, every = found.found.grid, found.drive.outputs[0], round(_PERIOD_S / STEP_S)
+    longest = int(np.argmax(np.diff(grid.starts)))
+    part = slice(grid.starts[longest], grid.starts[longest + 1], every)
+    steering, simulated = grid.steering_rad[part], response.yaw_rate_rad_s[part]
+    measured = np.interp(grid.time_s[part], rate.time_s, rate.values)
+    options = {"fs": 1.0 / _PERIOD_S, "nperseg": min(round(_WINDOW_S / _PERIOD_S), len(steering))}
     hz, own = csd(steering, steering, **options)
     inside = (hz > 0.1) & (hz < _HZ_MAX)
     with plot_style():
         canvas = Canvas(figsize=(9.0, 6.0))
         gain, phase, coherence_of = canvas.subplots(3, 1, sharex=True)
-        for label, output in (("measured", measured), ("simulated", simulated)):
+        both = ("measured", measured, "C0.-"), ("simulated", simulated, "C1.-")
+        for label, output, style in both:
             shared = coherence(steering, output, **options)[1]
             sure, ratio = inside & (shared > _COHERENT), csd(steering, output, **options)[1] / own
             gain.plot(hz[inside], np.abs(ratio[inside]), color="0.8", linewidth=1.0)
-            gain.plot(hz[sure], np.abs(ratio[sure]), ".-", label=label)
-            phase.plot(hz[sure], np.degrees(np.angle(ratio[sure])), ".-")
-            coherence_of.plot(hz[inside], shared[inside])
+            gain.plot(hz[sure], np.abs(ratio[sure]), style, label=label)
+            phase.plot(hz[sure], np.degrees(np.angle(ratio[sure])), style)
+            coherence_of.plot(hz[inside], shared[inside], style)
         gain.legend(ncols=2)
         gain.set_ylabel("gain [1/s]")
         phase.set_ylabel("phase [deg]")
