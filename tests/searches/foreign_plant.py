@@ -7,32 +7,42 @@ Each car drives a sweep at 60 km/h alone, and with the one at 25 km/h that the p
 relaxation length is a lag that grows as the car slows down, which a single speed does not show.
 
 The package's ``mb`` model has 29 states: roll, pitch, four wheels with the Magic Formula, and a
-suspension with roll steer. What is true of its understeer is measured on it, in steady bends: it
-changes by 6 to 21 % up to the sweep's lateral acceleration. The steering's lag is put before it.
-Mass, yaw inertia and geometry are told.
+suspension with roll steer. The steering's lag is put before it. Mass, yaw inertia and geometry are
+told.
+
+Understeer changes with lateral acceleration, so both cars, the package's and the identified one,
+are measured alike: in steady bends of the same lateral acceleration. Cars 2 and 3 are nearly
+neutral: a hundredth of their steering gradient would be all of their understeer.
 """
 
 import importlib
 import sys
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
 from steer_by_wire.closed_loop.identification.columns import joined
-from steer_by_wire.closed_loop.identification.identified import identify
+from steer_by_wire.closed_loop.identification.identified import Identification, identify
 from steer_by_wire.closed_loop.identification.parameters import Known
+from steer_by_wire.closed_loop.identification.response import Grid, respond
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
 from steer_by_wire.runtime.array_types import FloatArray
 
 STEP_S, LAG_S = 1e-3, 0.05
 SWEEPS = ((16.7, 3.0), (7.0, 2.0))
 """Speed [m/s] and lateral acceleration [m/s²]."""
-SIDES_M_S2 = (0.3, 3.0)
-"""Of the steady bends: next to none, and as in the first sweep."""
+SIDES_M_S2 = (0.3, 1.0, 2.0, 3.0)
+"""Of the steady bends: from next to none to that of the first sweep."""
+Driven = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
+"""Takes wheel angles [rad] in steps of STEP_S and a speed; returns yaw rate and speed."""
 
 
-def driven(parameters: Any, wheel_rad: FloatArray, speed_m_s: float) -> tuple[FloatArray, ...]:
+def driven(
+    parameters: Any, wheel_rad: FloatArray, speed_m_s: float
+) -> tuple[FloatArray, FloatArray]:
     """Return yaw rate and speed, by the midpoint rule."""
     dynamics = importlib.import_module("vehiclemodels.vehicle_dynamics_mb").vehicle_dynamics_mb
     begin = importlib.import_module("vehiclemodels.init_mb").init_mb
@@ -48,19 +58,32 @@ def driven(parameters: Any, wheel_rad: FloatArray, speed_m_s: float) -> tuple[Fl
     return np.array(yaw_rate), np.array(speed)
 
 
-def understeer_rad_s2_m(parameters: Any, side_m_s2: float) -> float:
+def identified_car(found: Identification) -> Driven:
+    """Return how an identified car is driven by its front wheels, which follow at once."""
+    known = found.found.problem.known
+    zero = "delay_and_lag_s", "lag_squared_s2", "steering_offset_rad", "yaw_rate_offset_rad_s"
+    values = found.found.values | dict.fromkeys(zero, 0.0) | {"steering_ratio": 1.0}
+
+    def drive(wheel_rad: FloatArray, speed_m_s: float) -> tuple[FloatArray, FloatArray]:
+        time_s, still = STEP_S * np.arange(len(wheel_rad)), np.zeros_like(wheel_rad)
+        speed, ends = np.full_like(wheel_rad, speed_m_s), np.array([0, len(wheel_rad)])
+        driven = Grid((), STEP_S, ends, still[:1], time_s, wheel_rad, speed, still, still[:0])
+        return respond(driven, values, known).yaw_rate_rad_s, speed
+
+    return drive
+
+
+def understeer_rad_s2_m(drive: Driven, wheelbase_m: float, side_m_s2: float) -> float:
     """Return δ/a_y - L/u² of steady bends at the first sweep's speed.
 
     It is the mean of left and right: the tyres of this package pull to one side by 6 to 18 µrad,
     which one bend alone would take for a gradient of 0.01 mrad s²/m.
     """
-    wheelbase_m, speed_m_s, rows = parameters.a + parameters.b, SWEEPS[0][0], []
+    speed_m_s, rows = SWEEPS[0][0], []
     for side in (-side_m_s2, side_m_s2):
         wheel_rad = side * wheelbase_m / speed_m_s**2
         ramp = np.clip(np.arange(0.0, 4.0, STEP_S) / 0.3, 0.0, 1.0)
-        yaw_rate, speed = (
-            one[-200:].mean() for one in driven(parameters, wheel_rad * ramp, speed_m_s)
-        )
+        yaw_rate, speed = (one[-200:].mean() for one in drive(wheel_rad * ramp, speed_m_s))
         rows.append((wheel_rad - wheelbase_m * yaw_rate / speed) / (speed * yaw_rate))
     return float(np.mean(rows))
 
@@ -95,12 +118,15 @@ def main() -> None:
             mass_kg=parameters.m, yaw_inertia_kg_m2=parameters.I_z,
             wheelbase_m=parameters.a + parameters.b, front_axle_distance_m=parameters.a,
         )  # fmt: skip
-        true = " and ".join(
-            f"{1e3 * understeer_rad_s2_m(parameters, side):.3f} at {side:g} m/s2"
+        wheelbase_m = parameters.a + parameters.b
+        true = [
+            understeer_rad_s2_m(partial(driven, parameters), wheelbase_m, side)
             for side in SIDES_M_S2
-        )
+        ]
+        gradient_rad_s2_m = wheelbase_m / SWEEPS[0][0] ** 2 + true[0]
         sys.stdout.write(
-            f"car {number}: understeer {true} [mrad s2/m], delay and lag {1e3 * LAG_S:.0f} ms\n"
+            f"car {number}: delay and lag {1e3 * LAG_S:.0f} ms, steering gradient"
+            f" {1e3 * gradient_rad_s2_m:.2f} mrad s2/m\n"
         )
         sweeps = [sweep(parameters, number, which) for which in range(len(SWEEPS))]
         for count in (1, 2):
@@ -114,6 +140,14 @@ def main() -> None:
                 f" {1e3 * total.value:.1f} [{1e3 * total.low:.1f}, {1e3 * total.high:.1f}],"
                 f" {total.verdict}; residual {found.residual_percent:.2f} %\n"
             )
+            drive_found = identified_car(found)
+            for side, its in zip(SIDES_M_S2, true, strict=True):
+                mine = understeer_rad_s2_m(drive_found, wheelbase_m, side)
+                sys.stdout.write(
+                    f"    at {side:g} m/s2 {1e3 * mine:.3f} of {1e3 * its:.3f} mrad s2/m:"
+                    f" {100.0 * (mine / its - 1.0):+.1f} %,"
+                    f" {100.0 * (mine - its) / gradient_rad_s2_m:+.2f} % of the steering gradient\n"
+                )
             sys.stdout.flush()
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binom
 
 from steer_by_wire.closed_loop.identification.figures import Verdict, figure_values, figures_of
 from steer_by_wire.closed_loop.identification.identified import identify
@@ -60,7 +61,7 @@ def one_car(seed: int) -> dict[str, Any]:
 
 
 def summary(rows: list[dict[str, Any]]) -> list[str]:
-    """Return what the rows show."""
+    """Return what the rows show; beside each count that of a right interval in 99.9 % of cases."""
     whole = [row for row in rows if "figures" in row]
     lines = [f"{len(rows)} cars, {len(rows) - len(whole)} refused"]
     lines += [f"  {row['seed']}: {row['refused']}" for row in rows if "refused" in row]
@@ -68,7 +69,10 @@ def summary(rows: list[dict[str, Any]]) -> list[str]:
     for row in whole:
         for name, one in row["figures"].items():
             names[name].append((row, one))
-    lines.append(f"{'figure':36} {'held':>9} {'identified':>10} {'width/Fisher, prescribed':>25}")
+    lines.append(
+        f"{'figure':36} {'held':>9} {'99.9 %':>11} {'identified':>10}"
+        f" {'width/Fisher, prescribed':>25}"
+    )
     for name, found in names.items():
         held = sum(one["low"] <= one["truth"] <= one["high"] for _, one in found)
         sure = sum(one["verdict"] == Verdict.IDENTIFIED for _, one in found)
@@ -76,7 +80,9 @@ def summary(rows: list[dict[str, Any]]) -> list[str]:
             (one["high"] - one["low"]) / one["fisher"] for row, one in found if row["prescribed"]
         ]
         width = f"{np.median(widths):25.2f}" if widths else ""
-        lines.append(f"{name:36} {held:4} /{len(found):3} {sure:10} {width}")
+        low, high = binom.interval(0.999, len(found), 0.95)
+        band = f"{low:.0f} to {high:.0f}"
+        lines.append(f"{name:36} {held:4} /{len(found):3} {band:>11} {sure:10} {width}")
     wanted = [row for row in whole if row["prescribed"]]
     good = sum(
         all(row["figures"][name]["verdict"] == Verdict.IDENTIFIED for name in EXPECTED)

@@ -22,6 +22,7 @@ from steer_by_wire.closed_loop.identification.vehicle_file import (
     vehicle_toml,
 )
 from steer_by_wire.runtime.settings import SettingsError
+from tests.searches.foreign_plant import identified_car, understeer_rad_s2_m
 from tests.searches.hidden_cars import EXPECTED, one_car
 from tests.support.runs.drawn_drives import DrawnDrive, drawn_car, log_of, prescribed
 
@@ -94,6 +95,12 @@ def test_a_table_that_repeats_samples_delays_nothing() -> None:
     (total,) = [one for one in figures if one.name == "delay_and_lag_s"]
     assert total.low < drawn().truth["delay_and_lag_s"] < total.high
     assert total.high - total.low < 0.02
+
+
+def test_an_identified_car_shows_its_understeer_in_a_steady_bend() -> None:
+    one = {figure.name: figure.value for figure in found().figures}
+    measured = understeer_rad_s2_m(identified_car(found()), drawn().truth["wheelbase_m"], 0.1)
+    assert measured == pytest.approx(one["understeer_gradient_rad_s2_m"], rel=0.02)
 
 
 def test_no_dead_time_is_below_zero() -> None:
