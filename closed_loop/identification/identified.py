@@ -148,7 +148,7 @@ def _doubts(found: Fit, progress: Progress) -> list[Doubt]:
         percent = found.residual_percent * rms(simpler.errors[0]) / rms(errors)
         result = f"residual {percent:.2f} % instead of {found.residual_percent:.2f} %"
         doubts.append(Doubt(f"{what}: {verdict}", result, True))
-    alike, white = max(map(samples_alike, found.errors)), not found.is_coloured
+    alike, white = max(map(samples_alike, found.errors)), all(map(is_white, found.errors))
     what = "errors are white" if white else "errors are not white: intervals are widened for it"
     doubts.append(Doubt(what, f"{alike:.1f} in a row tell as much as one", white))
     steering = np.interp(rate.time_s, found.grid.time_s, found.grid.steering_rad)

@@ -95,16 +95,18 @@ def identify_steering(
     spread = np.sqrt(np.mean(found.fun**2))
     information = found.jac.T @ found.jac
     deviations = max(spread, 0.3) * np.sqrt(np.diagonal(np.linalg.pinv(information))) * scale
-    half = 1.96 * deviations + np.array([_LAG_PERIODS * period_s, 0.0, 0.0])
+    # What drawn times take from the lag they give to the dead time; not so their sum.
+    half, drawn_s = 1.96 * deviations, _LAG_PERIODS * period_s
     lag_s, dead_s, play_rad = found.x * scale
     fastest = float(np.nanmax(np.abs(np.diff(wheel))) / period_s)
     unexplained = float(spread * _QUANTUM_RAD / np.nanstd(wheel))
     lag_half, dead_half, play_half = half.tolist()
     dead_mean_s, dead_low_s = max(dead_s - 0.5 * period_s, 0.0), dead_s - dead_half - period_s
     figures = [
-        _figure("lag_s", lag_s, lag_s - lag_half, lag_s + lag_half,
+        _figure("lag_s", lag_s, lag_s - lag_half - drawn_s, lag_s + lag_half + drawn_s,
                 max(0.1 * lag_s, 0.5 * period_s)),
-        _figure("dead_time_s", dead_mean_s, dead_low_s, dead_s + dead_half, period_s),
+        _figure("dead_time_s", dead_mean_s, dead_low_s - drawn_s, dead_s + dead_half + drawn_s,
+                period_s),
         _figure("delay_and_lag_s", lag_s + dead_mean_s, lag_s + dead_low_s,
                 lag_s + dead_s + dead_half, period_s),
         _figure("dead_band_rad", play_rad, play_rad - play_half, play_rad + play_half, 2e-4),

@@ -142,6 +142,8 @@ def test_the_steering_of_a_run_lies_within_a_period(bus) -> None:
     figures = {one.name.removeprefix("actuator:"): one for one in found.figures}
     total = figures["delay_and_lag_s"]
     assert total.low - 0.002 <= LAG_S + DEAD_S <= total.high + 0.002
+    for name, truth_s in (("lag_s", LAG_S), ("dead_time_s", DEAD_S)):
+        assert figures[name].low <= truth_s <= figures[name].high
 
 
 def test_samples_of_a_plant_are_evenly_spaced(bus) -> None:
