@@ -160,11 +160,6 @@ def test_a_command_that_cannot_join_the_emulated_bus_is_refused(tmp_path: Path) 
         Rig(tmp_path, bus="emulated").run(["./mine", "{channel}"])
 
 
-def test_a_wrong_setting_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=r"latency\.downlink\.mean_s"):
-        Rig(tmp_path, overrides={"latency.downlink.mean_s": -1.0})
-
-
 def command(mode: Mode, counter: int = 0) -> Decoded:
     return Decoded(command_of(0.0, counter, mode), counter)
 

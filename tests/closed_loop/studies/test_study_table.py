@@ -20,7 +20,7 @@ from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.settings import preset_names
 from steer_by_wire.runtime.settings.toml_text import dump_toml
-from tests.support.runs.small_study import STUDY, complete
+from tests.support.runs.small_study import complete
 
 
 def test_the_columns_are_those_that_are_stored(tmp_path: Path) -> None:
@@ -36,15 +36,6 @@ def test_the_columns_are_those_that_are_stored(tmp_path: Path) -> None:
     levels = np.unique(table["mean_s"]), np.unique(table["jitter"]), np.unique(table["road"])
     roads = ["practical_ellipse", "straight"]
     assert [list(level) for level in levels] == [[0.0, 0.08, 0.2], [0.0, 0.4], roads]
-
-
-def test_a_study_file_that_cannot_be_run_is_refused_in_one_line(tmp_path: Path) -> None:
-    file = tmp_path / "study.toml"
-    file.write_text(STUDY.replace("mean_s", "mean"), encoding="utf-8")
-    with pytest.raises(SettingsError, match=r"study\.toml: .*latency\.downlink\.mean "):
-        run_study(file)
-    with pytest.raises(SettingsError, match=r"no\.toml: cannot be read"):
-        run_study("no.toml")
 
 
 def test_a_sweep_takes_what_simulate_takes() -> None:

@@ -90,14 +90,6 @@ def test_run_and_the_analysis_of_its_log_judge_alike(tmp_path: Path, capsys: Cap
         assert (verdict == "holds") is holds
 
 
-def test_a_log_without_commands_is_not_judged(log: Path, tmp_path: Path, capsys: Capture) -> None:
-    file = tmp_path / "plant_only.log"
-    lines = log.read_text(encoding="ascii").splitlines(keepends=True)
-    file.write_text("".join(line for line in lines if " 100#" not in line), encoding="ascii")
-    assert analyze_main([str(file), "--out", str(tmp_path)]) == ExitStatus.OK
-    assert last_line(capsys) == "verdict: none: no command was read, but the plant applied some"
-
-
 def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys: Capture) -> None:
     law = "law=tests.support.nodes.plugin_laws:NO_OUTPUT"
     run = ["--preset", "practical_pd", "--set", f"controller.{law}", "--duration", "3"]
