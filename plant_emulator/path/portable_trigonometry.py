@@ -7,8 +7,6 @@ minimax polynomials of fdlibm (Sun Microsystems, 1993: ``k_sin.c``, ``k_cos.c``)
 π/4.
 """
 
-import math
-
 import numpy as np
 
 from ...runtime.array_types import FloatArray
@@ -31,6 +29,8 @@ _COS = (
     -1.38888888888741095749e-03,
     4.16666666666666019037e-02,
 )
+_ROUNDS = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to a whole number
+_UNREDUCED_RAD = 0.78  # at most π/4
 _COS_SIGN = np.array([1.0, -1.0, -1.0, 1.0])
 _SIN_SIGN = np.array([1.0, 1.0, -1.0, -1.0])
 
@@ -54,9 +54,17 @@ def cos_and_sin(angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def cos_sin(angle_rad: float) -> tuple[float, float]:
-    """Return cosine and sine of one angle, by the same formulas."""
-    quarters = math.floor(angle_rad / _QUARTER_TURN + 0.5)
-    x = angle_rad - quarters * _QUARTER_TURN - quarters * _QUARTER_TURN_REST
+    """Return cosine and sine of one angle, by the same formulas.
+
+    Without integers, so that a compiler can take several angles at once. Small ones, as most of a
+    car's are, need no division.
+    """
+    quarters, x = 0.0, angle_rad
+    if abs(angle_rad) > _UNREDUCED_RAD:
+        turns = angle_rad / _QUARTER_TURN + 0.5
+        quarters = (turns + _ROUNDS) - _ROUNDS
+        quarters = quarters - 1.0 if quarters > turns else quarters
+        x = angle_rad - quarters * _QUARTER_TURN - quarters * _QUARTER_TURN_REST
     square = x * x
     s0, s1, s2, s3, s4, s5 = _SIN
     c0, c1, c2, c3, c4, c5 = _COS
@@ -64,14 +72,14 @@ def cos_sin(angle_rad: float) -> tuple[float, float]:
     even = ((((c0 * square + c1) * square + c2) * square + c3) * square + c4) * square + c5
     sin = x + x * square * odd
     cos = 1.0 - (0.5 * square - square * square * even)
-    quarter = quarters & 3
-    if quarter == 0:
+    if quarters == 0.0:
         return cos, sin
-    if quarter == 1:
-        return -sin, cos
-    if quarter == 2:
-        return -cos, -sin
-    return sin, -cos
+    quarter = quarters - 4.0 * ((0.25 * quarters + _ROUNDS) - _ROUNDS)  # of -2, -1, 0, 1, 2
+    is_odd, is_back = abs(quarter) == 1.0, abs(quarter) == 2.0
+    along, across = (sin, cos) if is_odd else (cos, sin)
+    along = -along if is_back or quarter == 1.0 else along
+    across = -across if is_back or quarter == -1.0 else across
+    return along, across
 
 
 def arctan(x: float) -> float:
