@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numba.extending import overload, register_jitable
 
-from ...controller.laws.law_from_settings import design_law
 from ...controller.settings import ControllerSettings
 from ...controller.who_steers import (
     AssistRule,
@@ -178,11 +177,6 @@ def _register_steps() -> None:
         register(motion.front_lateral_n, motion.is_limited)
 
 
-@lru_cache(maxsize=256)
-def _reads_history(controller: ControllerSettings) -> bool:
-    return design_law(controller).reads_history
-
-
 def refuse_hand_wheel(
     plant: PlantSettings, controller: ControllerSettings, hand_wheel: "HandWheelSettings | None"
 ) -> None:
@@ -197,12 +191,6 @@ def refuse_hand_wheel(
                 f"{key}: this compiled run has no hand wheel; leave it out, give one"
                 " (simulate(hand_wheel=)), or run the nodes: steer-by-wire run --hand-wheel still"
             )
-    if hand_wheel is not None and _reads_history(controller):
-        raise NotCompiledError(
-            f"law = {controller.law!r} reads the history of the bus, which compiled runs do not"
-            " have with a hand wheel; run the nodes: steer-by-wire run --hand-wheel, or a study"
-            " with [base.bus]"
-        )
     for way, line in (("downlink", plant.latency.downlink), ("uplink", plant.latency.uplink)):
         if hand_wheel is not None and line.has_trace:
             raise NotCompiledError(

@@ -32,6 +32,7 @@ from ...dbc.messages import (
     SteeringCommand,
     SteeringPlan,
     SteeringStatus,
+    SteeringStatusCode,
     VehicleState,
     limits,
     resolutions,
@@ -82,6 +83,7 @@ LATERAL_ERROR_RESOLUTION_M = resolutions(LateralError)["lateral_error_m"]
 LATERAL_ERROR_M_MAX = limits(LateralError)["lateral_error_m"].maximum
 STEER_RESOLUTION_RAD = resolutions(SteeringCommand)["steer_rad"]
 _PLAN_RESOLUTION_RAD = resolutions(SteeringPlan)["steer_0_rad"]
+_DRIVER_STEERS = int(SteeringStatusCode.DRIVER_STEERS)
 _WHEEL_RESOLUTION_RAD = resolutions(SteeringStatus)["wheel_angle_rad"]
 _WHEEL_RAD_MAX = limits(SteeringStatus)["wheel_angle_rad"].maximum
 _HEADING_RESOLUTION_RAD = resolutions(LateralError)["heading_error_rad"]
@@ -160,6 +162,12 @@ def record_signals(inbox: Inbox, sample: int, z: LinearState, guard: GuardState)
 
 
 @register_jitable(**INLINE)
+def record_driver(inbox: Inbox, sample: int) -> None:
+    """Record that the driver steers at a sample."""
+    inbox.status[sample] = _DRIVER_STEERS
+
+
+@register_jitable(**INLINE)
 def _write_ahead_1_m(
     path: Any, arc_length_m: float, spacing_m: float, row: Any, low_1_m: float, high_1_m: float
 ) -> None:
@@ -207,7 +215,9 @@ def take_arrivals(inbox: Inbox, x: Known, s: Instants, r: Records, now_ns: int) 
             )
         elif message == _STEERING_STATUS:
             command = r.command[sample]
-            applied = s.commands[SENT_AT, command] % COMMAND_COUNTERS if command >= 0 else 0
+            applied = 0
+            if command >= 0:
+                applied = (s.commands[SENT_AT, command] - inbox.first_tick) % COMMAND_COUNTERS
             code, wheel_rad = inbox.status[sample], signals[SEEN_WHEEL, sample]
             echoes = echo_step(
                 params, rings, echoes, errors, commands, counter, applied, code, wheel_rad, came_ns
@@ -234,7 +244,8 @@ def take_arrivals(inbox: Inbox, x: Known, s: Instants, r: Records, now_ns: int) 
 @register_jitable(**INLINE)
 def with_command(inbox: Inbox, x: Known, tick: int, sent_rad: float, is_planned: bool) -> Known:
     """Return the knowledge with a tick's command."""
-    commands = command_step(inbox.rings, x.commands, tick, sent_rad, is_planned)
+    period = tick - inbox.first_tick
+    commands = command_step(inbox.rings, x.commands, period, sent_rad, is_planned)
     return Known(
         *(x.arrivals, x.errors, x.echoes, x.yaw_rates, commands),
         *(x.vehicle_sample, x.vehicle_ns, x.path_end),
@@ -245,14 +256,15 @@ def with_command(inbox: Inbox, x: Known, tick: int, sent_rad: float, is_planned:
 def limit_plan_of(inbox: Inbox, limits: SteerLimits, acting: int, tick: int) -> None:
     """Limit the plan of a tick."""
     plans, mask = inbox.rings.plans, len(inbox.rings.plans) - 1
-    row, before = plans[tick & mask], plans[(tick - 1) & mask]
+    period = tick - inbox.first_tick
+    row, before = plans[period & mask], plans[(period - 1) & mask]
     limit_plan(limits, inbox.periods_per_sample, acting, before, row)
 
 
 @register_jitable(**INLINE)
 def carries_plan(inbox: Inbox, tick: int) -> bool:
     """Return whether a tick has sent a plan, which the plant's buffer then holds."""
-    row = inbox.rings.plans[tick & (len(inbox.rings.plans) - 1)]
+    row = inbox.rings.plans[(tick - inbox.first_tick) & (len(inbox.rings.plans) - 1)]
     if len(inbox.rings.plans) == 1 or row[1] == 0.0:
         return False
     inbox.buffer[0], inbox.buffer[1] = row[0], row[1]
@@ -281,7 +293,8 @@ def known_now(inbox: Inbox, x: Known, tick: int, now_ns: int) -> Now:
         yaw_rate_rad_s = inbox.signals[SEEN_YAW_RATE, x.vehicle_sample]
         curvature_1_m = inbox.signals[SEEN_CURVATURE, x.vehicle_sample]
         is_stale = now_ns - x.vehicle_ns > inbox.params.limits.vehicle_state_ns
+    period = tick - inbox.first_tick
     loop_delay = loop_delay_at(
-        inbox.params, x.errors, x.echoes, x.yaw_rates, x.path_end, x.vehicle_ns, tick, now_ns
+        inbox.params, x.errors, x.echoes, x.yaw_rates, x.path_end, x.vehicle_ns, period, now_ns
     )
     return Now(VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), loop_delay)

@@ -64,6 +64,7 @@ from .law_input import (
     play,
     quantised,
     record_ahead,
+    record_driver,
     record_signals,
     speed_on_wire_m_s,
     take_arrivals,
@@ -122,7 +123,7 @@ is not finite; with one that the steering overrules, in a run without the status
 speed that the controller did not know before, at a tick that is to be run once more; with the law
 that steers in the driver's place from the next tick on."""
 
-_ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
+_ACTIVE, _SAFE_STOP, _WAITING = int(Mode.ACTIVE), int(Mode.SAFE_STOP), int(Mode.WAITING)
 _HOLDING, _FALLBACK = int(GuardMode.HOLDING), int(GuardMode.FALLBACK)
 _NEWEST = WAITING - 1
 
@@ -237,14 +238,17 @@ def _plant_until(
                     plan = -1
                     continue
             motion_ns = max(at_ns - c.motion_start_ns, 0)
-            if wheel is not None and arrives and driver_steers(hands, at_ns):
+            is_echoed = False
+            if wheel is not None and not turns_wheel:
+                is_echoed = driver_steers(hands, at_ns)
+            if not is_echoed:
+                guard, steers = guard_command(c.guard, guard, command_rad, motion_ns, has_come)
+            if steers or is_echoed:
                 in_effect = by
-                continue
-            guard, steers = guard_command(c.guard, guard, command_rad, motion_ns, has_come)
-            if steers:
-                in_effect = by
-                if inbox is not None and not arrives:
+                if inbox is not None and not (arrives or turns_wheel):
                     inbox.played_rad[at] = command_rad
+            if is_echoed:
+                continue
         elif guard_ns <= sample_ns:
             motion_ns = guard.deadline_ns
             seen = NO_PATH
@@ -313,7 +317,10 @@ def _take_sample(
         record_ahead(inbox, p, sample, arc_length_m, speed_m_s)
     overrules = is_overruled(guard) and guard.mode != _HOLDING
     if wheel is not None:
-        overrules = overrules or is_drivers(hands, p, z, guard, motion_ns)
+        is_by_driver = is_drivers(hands, p, z, guard, motion_ns)
+        overrules = overrules or is_by_driver
+        if inbox is not None and is_by_driver:
+            record_driver(inbox, sample)
     if overrules:
         if len(s.in_use) <= STATUS_SAMPLE:
             return guard, followed_ns, IS_OVERRULED
@@ -432,7 +439,7 @@ def _run_ticks(
             x = _with_hands(x, hands)
         sent_rad = limit_step(c.limits, sent_rad, steer_rad)
         r.ticks[SENT, now] = sent_rad
-        if inbox is not None:
+        if inbox is not None and mode != _WAITING:
             if acting >= 0:
                 limit_plan_of(inbox, c.limits, acting, tick)
             known = with_command(inbox, known, tick, sent_rad, acting >= 0)

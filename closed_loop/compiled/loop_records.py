@@ -128,6 +128,7 @@ class Inbox(NamedTuple):
     ``buffer``          the plan that the plant plays, as the bus carries it: values of its row
     ``played_rad``      what a plan has let act at a sample, else NaN
     ``path_ahead_1_m``  values of each PATH_AHEAD, as on the wire; one of every ``samples_per_path``
+    ``first_tick``      of the first command, from which the history counts
     """
 
     params: HistoryParams
@@ -142,6 +143,7 @@ class Inbox(NamedTuple):
     samples_per_path: int
     path_spacing_m: float
     path_ahead_1_m: FloatArray
+    first_tick: int
 
 
 class Known(NamedTuple):

@@ -255,6 +255,7 @@ def inbox_of(plant: PlantSettings, controller: ControllerSettings, schedule: Run
         samples_per_path=every,
         path_spacing_m=_path_spacing_m(plant),
         path_ahead_1_m=np.empty((messages, VALUES)),
+        first_tick=schedule.first_tick,
         played_rad=np.full(samples if controller.law_record.plan is not None else 0, np.nan),
     )
 
