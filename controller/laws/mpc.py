@@ -7,15 +7,12 @@ the next 0.6 s that cost least within the limits of angle, rate and lateral acce
 is sent. Model predictive control, not in SAE 2018-01-1086.
 
 The path: where PATH_AHEAD has come, its curvature, step by step. Otherwise the curvature that
-VEHICLE_STATE gives beside the preview point: each change is added to the filter's estimate, and its
-rate is taken to last for ``ramp_s`` from the measurement on. A ramp ρ' t that lasts t more shifts
-the predicted state by
-
-    Δρ = ρ' t,   ΔΨ = -V ρ' t²/2,   Δy = -V² ρ' t³/6
+VEHICLE_STATE gives beside the preview point (``controller.prediction.path_curve``), whose rate is
+taken to last for ``ramp_s`` more.
 """
 
 from collections.abc import Callable, MutableSequence
-from math import exp, inf, sqrt
+from math import inf, sqrt
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
@@ -25,13 +22,12 @@ from ...runtime.settings import Settings, SettingsError
 from ..law_interface import LawInput, LawOutput, Schedule
 from ..prediction.gains_over_speed import steady_turn_rad
 from ..prediction.horizon import STEP_S, STEPS, HorizonParams, design_horizon, first_command, vector
-from ..prediction.prediction import predict
+from ..prediction.path_curve import curve_params
 from ..prediction.vehicle_kalman_filter import EstimatorState
 from . import predictor
 from .law_from_settings import vehicle_of
 from .pd_ddob import pd_ddob_step
 from .predictor import (
-    Outlook,
     PredictorParams,
     PredictorSettings,
     PredictorState,
@@ -42,6 +38,7 @@ from .predictor import (
     predictor_after_hold,
     predictor_at_rest,
     predictor_believes,
+    state_ahead,
 )
 
 if TYPE_CHECKING:
@@ -74,7 +71,6 @@ class MpcParams(NamedTuple):
     """Parameters at one speed.
 
     ``step_rad_max``  of the command from period to period
-    ``share``         of a new value in the mean of the curvature's rate
     ``side_m_s2_max``  the lateral acceleration to slow down for; infinite for none
     ``recovery_m_s``   by which the asked speed may rise in a period
     """
@@ -82,27 +78,15 @@ class MpcParams(NamedTuple):
     predictor: PredictorParams
     horizon: HorizonParams
     step_rad_max: float
-    speed_m_s: float
-    sample_s: float
     ramp_s: float
-    share: float
     side_m_s2_max: float
     recovery_m_s: float
 
 
-class Curve(NamedTuple):
-    """The curvature of VEHICLE_STATE, at which sample, -1 for none, and its rate."""
-
-    sample: int
-    curvature_1_m: float
-    rate_1_m_s: float
-
-
 class MpcState(NamedTuple):
-    """The predictor's state, the curve, and the speed not to be exceeded."""
+    """The predictor's state, and the speed not to be exceeded."""
 
     predictor: PredictorState
-    curve: Curve
     speed_m_s_max: float
 
 
@@ -112,24 +96,18 @@ def mpc_step(p: MpcParams, x: MpcState, observed: LawInput) -> tuple[MpcState, L
     loop_delay, history = observed.loop_delay, observed.history
     x_fallback, output = pd_ddob_step(of.fallback, before.fallback, observed)
     seen = outlook_of(of, before, observed)
-    curve = curve_step(p, x.curve, observed)
-    if x.curve.sample >= 0 and seen.newest.sample > loop_delay.path_end:
-        seen = bent(seen, curve.curvature_1_m - x.curve.curvature_1_m)
     if seen.is_predicting:
-        ahead = predict(of.loop_delay, seen.gains, seen.newest, loop_delay, history, seen.horizon)
-        if ahead.sample >= loop_delay.path_end:
-            lead_s = max(seen.horizon, 0.0) * p.sample_s
-            ahead = along_ramp(ahead, curve.rate_1_m_s, p.speed_m_s, lead_s)
+        ahead = state_ahead(of, seen, observed)
         sent_rad = history.sent_rad[(loop_delay.tick - 1) & history.tick_mask]
         z = vector()
-        write_unknowns(p, z, ahead, curve.rate_1_m_s, sent_rad, observed)
+        write_unknowns(p, z, ahead, seen.curve.rate_1_m_s, sent_rad, observed)
         steer_rad = first_command(p.horizon, z, sent_rad)
         steer_rad = min(max(steer_rad, sent_rad - p.step_rad_max), sent_rad + p.step_rad_max)
         steer_rad = min(max(steer_rad, -p.horizon.steer_rad_max), p.horizon.steer_rad_max)
         output = LawOutput(steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m)
     after, output = faded(of, before, seen, x_fallback, output)
     speed_m_s_max = min(speed_for_bends(p, observed), x.speed_m_s_max + p.recovery_m_s)
-    return MpcState(after, curve, speed_m_s_max), output
+    return MpcState(after, speed_m_s_max), output
 
 
 def speed_for_bends(p: MpcParams, observed: LawInput) -> float:
@@ -141,47 +119,6 @@ def speed_for_bends(p: MpcParams, observed: LawInput) -> float:
     for sample in range(max(loop_delay.error_sample, 0), loop_delay.path_end + 1, 3):
         bend_1_m = max(bend_1_m, abs(history.curvature_1_m[sample & history.sample_mask]))
     return min(sqrt(p.side_m_s2_max / max(bend_1_m, 1e-9)), _ANY_SPEED_M_S)
-
-
-def curve_step(p: MpcParams, x: Curve, observed: LawInput) -> Curve:
-    """Return the curvature beside the preview point at the newest sample, and its rate."""
-    sample, vehicle = observed.loop_delay.error_sample, observed.vehicle
-    if vehicle.is_stale:
-        return Curve(-1, 0.0, 0.0)
-    curvature_1_m = vehicle.preview_curvature_1_m
-    if x.sample < 0 or sample < x.sample:
-        return Curve(sample, curvature_1_m, 0.0)
-    if sample == x.sample:
-        return x
-    rate_1_m_s = (curvature_1_m - x.curvature_1_m) / ((sample - x.sample) * p.sample_s)
-    return Curve(sample, curvature_1_m, x.rate_1_m_s + p.share * (rate_1_m_s - x.rate_1_m_s))
-
-
-def bent(seen: Outlook, change_1_m: float) -> Outlook:
-    """Return what is known on a path of another curvature."""
-    estimate, measured, settled_sample, gains, newest, horizon, is_predicting = seen
-    return Outlook(
-        *(curved(estimate, change_1_m), measured, settled_sample, gains),
-        *(curved(newest, change_1_m), horizon, is_predicting),
-    )
-
-
-def curved(x: EstimatorState, change_1_m: float) -> EstimatorState:
-    """Return an estimate on a path of another curvature."""
-    sample, beta, r, psi, y, rho, d, delta, behind = x
-    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta, behind)
-
-
-def along_ramp(
-    x: EstimatorState, rate_1_m_s: float, speed_m_s: float, time_s: float
-) -> EstimatorState:
-    """Return a predicted state on a path whose curvature has changed at a rate for a time."""
-    sample, beta, r, psi, y, rho, d, delta, behind = x
-    change_1_m = rate_1_m_s * time_s
-    way_m = speed_m_s * time_s
-    psi -= change_1_m * way_m * 0.5
-    y -= change_1_m * way_m * way_m * (1.0 / 6.0)
-    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta, behind)
 
 
 def write_unknowns(
@@ -200,7 +137,7 @@ def write_unknowns(
     for step in range(STEPS):
         time_s = (step + 0.5) * STEP_S
         if x.sample < path_end:
-            sample = min(x.sample + int(time_s / p.sample_s + 0.5), path_end)
+            sample = min(x.sample + int(time_s / p.predictor.curve.sample_s + 0.5), path_end)
             change_1_m = known_1_m[sample & mask] - known_1_m[x.sample & mask]
         else:
             change_1_m = rate_1_m_s * min(time_s, p.ramp_s)
@@ -211,13 +148,13 @@ def write_unknowns(
 def mpc_at_rest(p: MpcParams, lateral_error_m: float) -> MpcState:
     """Return the state after a constant lateral error [m] and no steering."""
     at_rest = predictor_at_rest(p.predictor, lateral_error_m)
-    return MpcState(at_rest, Curve(-1, 0.0, 0.0), _ANY_SPEED_M_S)
+    return MpcState(at_rest, _ANY_SPEED_M_S)
 
 
 def mpc_after_hold(p: MpcParams, x: MpcState, lateral_error_m: float) -> MpcState:
     """Return the state after a hold: the predictor's."""
     after = predictor_after_hold(p.predictor, x.predictor, lateral_error_m)
-    return MpcState(after, Curve(-1, 0.0, 0.0), x.speed_m_s_max)
+    return MpcState(after, x.speed_m_s_max)
 
 
 def mpc_asks_speed(settings: "LawSettings") -> Callable[[MpcState], float] | None:
@@ -258,11 +195,16 @@ def design_mpc(settings: "LawSettings") -> Schedule:
             rate_rad_s * STEP_S,
             steady_turn_rad(vehicle, speed_m_s, acceleration_m_s2),
         )
-        step_rad_max, share = rate_rad_s * period_s, 1.0 - exp(-sample_s / table.averaging_s)
-        of = inside.at(speed_m_s)
+        of = inside.at(speed_m_s)._replace(
+            curve=curve_params(table.averaging_s, speed_m_s, sample_s)
+        )
         return MpcParams(
-            *(of, horizon, step_rad_max, speed_m_s, sample_s, table.ramp_s, share),
-            *(acceleration_m_s2 if asks else inf, _RECOVERY_M_S2 * period_s),
+            of,
+            horizon,
+            rate_rad_s * period_s,
+            table.ramp_s,
+            acceleration_m_s2 if asks else inf,
+            _RECOVERY_M_S2 * period_s,
         )
 
     return Schedule(at)

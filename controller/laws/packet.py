@@ -29,6 +29,7 @@ from ..history.echo_delay import LoopDelayParams
 from ..history.plan import SPACING_MAX, VALUES
 from ..law_interface import LawInput, LawOutput, LoopDelay, Schedule
 from ..prediction.measured_vehicle import measured_gains
+from ..prediction.path_curve import curved
 from ..prediction.prediction import horizon_samples, steer_for
 from ..prediction.vehicle_kalman_filter import command_from, estimate_to, step_on_path
 from . import predictor
@@ -110,6 +111,8 @@ def packet_plan(p: PacketParams, x: PredictorState, observed: LawInput) -> int:
         if z.sample >= last:
             return acting
         z = step_on_path(gains, loop_delay, history, z, steer_rad)
+        if inside.curve.share > 0.0 and loop_delay.path_end < z.sample <= acts:
+            z = curved(z, x.curve.rate_1_m_s * inside.curve.sample_s)
 
 
 def design_packet(settings: "LawSettings") -> Schedule:

@@ -40,6 +40,15 @@ from ..prediction.measured_vehicle import (
     measured_to,
     nothing_measured,
 )
+from ..prediction.path_curve import (
+    NO_CURVE,
+    Curve,
+    CurveParams,
+    along_ramp,
+    curve_params,
+    curve_step,
+    curved,
+)
 from ..prediction.prediction import horizon_samples, predict, steer_for
 from ..prediction.vehicle_kalman_filter import (
     EstimatorState,
@@ -75,6 +84,9 @@ class PredictorSettings(Settings):
     """Whether the steering's lag is taken from the bus, once it is known."""
     measures_mass: bool = False
     """Whether the virtual mass is taken from the yaw rate, once it is known."""
+    curvature_averaging_s: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
+    """Time constant of the rate of VEHICLE_STATE's curvature, as which it goes on until the command
+    acts; None: the law reads neither. With PATH_AHEAD no law needs it."""
 
 
 class PredictorParams(NamedTuple):
@@ -95,6 +107,7 @@ class PredictorParams(NamedTuple):
     horizon_samples_max: float
     settling_samples: int
     steer_rad_max: float
+    curve: CurveParams
 
 
 class PredictorState(NamedTuple):
@@ -110,6 +123,7 @@ class PredictorState(NamedTuple):
     is_predicting: bool
     steer_rad: float
     fade_rad: float
+    curve: Curve
 
 
 class Outlook(NamedTuple):
@@ -126,6 +140,7 @@ class Outlook(NamedTuple):
     newest: EstimatorState
     horizon: float
     is_predicting: bool
+    curve: Curve
 
 
 def predictor_step(
@@ -134,11 +149,9 @@ def predictor_step(
     """Advance one control period."""
     x_fallback, output = pd_ddob_step(p.fallback, x.fallback, observed)
     seen = outlook_of(p, x, observed)
-    _, _, _, gains, newest, horizon, is_predicting = seen
-    if is_predicting:
-        loop_delay, history = observed.loop_delay, observed.history
-        ahead = predict(p.loop_delay, gains, newest, loop_delay, history, horizon)
-        steer_rad = steer_for(gains, ahead, p.steer_rad_max)
+    if seen.is_predicting:
+        ahead = state_ahead(p, seen, observed)
+        steer_rad = steer_for(seen.gains, ahead, p.steer_rad_max)
         given = steer_rad, ahead.offset_rad, 0.0, ahead.lateral_error_m
         output = new_record(LawOutput, given)
     return faded(p, x, seen, x_fallback, output)
@@ -165,8 +178,23 @@ def outlook_of(p: PredictorParams, x: PredictorState, observed: LawInput) -> Out
         horizon = horizon_samples(of_loop, loop_delay, newest.sample)
         is_settled = estimate.sample >= settled_sample
         is_predicting = loop_delay.is_measured and is_settled and horizon <= p.horizon_samples_max
-    found = (estimate, measured, settled_sample, gains, newest, horizon, is_predicting)
+    curve = x.curve
+    if p.curve.share > 0.0:
+        curve = curve_step(p.curve, curve, observed)
+        if x.curve.sample >= 0 and newest.sample > loop_delay.path_end:
+            change_1_m = curve.curvature_1_m - x.curve.curvature_1_m
+            estimate, newest = curved(estimate, change_1_m), curved(newest, change_1_m)
+    found = (estimate, measured, settled_sample, gains, newest, horizon, is_predicting, curve)
     return new_record(Outlook, found)
+
+
+def state_ahead(p: PredictorParams, seen: Outlook, observed: LawInput) -> EstimatorState:
+    """Return the state at which this period's command acts."""
+    loop_delay, horizon = observed.loop_delay, seen.horizon
+    ahead = predict(p.loop_delay, seen.gains, seen.newest, loop_delay, observed.history, horizon)
+    if p.curve.share > 0.0 and ahead.sample >= loop_delay.path_end:
+        ahead = along_ramp(p.curve, ahead, seen.curve, horizon)
+    return ahead
 
 
 def faded(
@@ -174,14 +202,14 @@ def faded(
 ) -> tuple[PredictorState, LawOutput]:
     """Return state and output, with the difference to another law's command fading out."""
     # The steps between two masses are small, and a plan does not fade.
-    estimate, measured, settled_sample, _, _, _, is_predicting = seen
-    _, measured_before, _, _, was_predicting, last_rad, fade_rad = x
+    estimate, measured, settled_sample, _, _, _, is_predicting, curve = seen
+    _, measured_before, _, _, was_predicting, last_rad, fade_rad, _ = x
     wanted_rad, disturbance_rad, network_rad, error_m = output
     is_new = is_predicting != was_predicting or measured.lag.choice != measured_before.lag.choice
     fade_rad = difference_step(p.fade_step_rad, fade_rad, last_rad, wanted_rad, is_new)
     steer_rad = wanted_rad + fade_rad
     after = (
-        estimate, measured, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad,
+        estimate, measured, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad, curve,
     )  # fmt: skip
     given = steer_rad, disturbance_rad, network_rad, error_m
     return new_record(PredictorState, after), new_record(LawOutput, given)
@@ -197,6 +225,7 @@ def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorSt
         False,
         0.0,
         0.0,
+        NO_CURVE,
     )
 
 
@@ -208,7 +237,7 @@ def predictor_after_hold(
     The held command is known, so that the filter bridges the gap with its model.
     """
     fallback = pd_ddob_at_rest(p.fallback, lateral_error_m)
-    return x._replace(fallback=fallback, fade_rad=0.0)
+    return x._replace(fallback=fallback, fade_rad=0.0, curve=NO_CURVE)
 
 
 def predictor_believes(settings: "LawSettings", x: PredictorState) -> VehicleBelief:
@@ -273,6 +302,7 @@ def design_predictor(settings: "LawSettings") -> Schedule:
             horizon_samples_max,
             settling_samples(sensor_period_s),
             steady_turn_rad(vehicle, speed_m_s, acceleration_m_s2),
+            curve_params(table.curvature_averaging_s, speed_m_s, sensor_period_s),
         )
 
     return Schedule(at)

@@ -86,6 +86,22 @@ def test_a_lane_change_is_held_better_than_by_the_predictor(
     assert plans.peak_m < share * follows.peak_m
 
 
+@pytest.mark.parametrize("law", ["predictor", "packet"])
+def test_a_predictor_that_reads_the_curvature_holds_a_bend_better(law: str) -> None:
+    """Without PATH_AHEAD; with it, the curvature beside the preview point changes nothing."""
+    reads = {"controller.predictor.curvature_averaging_s": 0.05, "controller.packet": {}}
+    plans, known = {"controller.packet": {}}, {"plant.path_ahead": {}}
+    ignores, follows, knows, knows_both = (
+        simulate(
+            *("highway_nominal", "highway_unknown_path_predictor"),
+            law=law, duration_s=6, engine="compiled", overrides={**ROAD, **each},
+        )
+        for each in (plans, reads, plans | known, reads | known)
+    )  # fmt: skip
+    assert 0.005 < follows.peak_m < 0.75 * ignores.peak_m
+    assert knows.peak_m == knows_both.peak_m
+
+
 def test_a_plan_that_knows_the_rate_limit_turns_in_time() -> None:
     """Of a steering of 0.06 rad/s, which takes a gentler feedback."""
     slow = {
