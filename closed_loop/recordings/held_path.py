@@ -15,6 +15,10 @@ differs from the plant's own figure by a millimetre.
 
 A plant judges its true error. Here the verdict is on the mean of the errors of SMOOTHED_S, as if
 the sensor had no noise. It is on the preview point where the log does not tell where the car is.
+
+Where CAR_TRUTH comes, the verdict names a grip that was used up before the lane was left, as a
+plant's does (``plant_emulator.evaluation.grip_used``). A log tells neither lane nor body: both are
+those of a plant that says nothing else, 3.5 m wide and a passenger car's.
 """
 
 import math
@@ -24,10 +28,13 @@ from typing import Any
 
 from ...dbc import messages
 from ...plant_emulator.evaluation.error_windows import WINDOW_SHARE_MAX
+from ...plant_emulator.evaluation.grip_used import grip_step
 from ...plant_emulator.evaluation.held_figures import HeldRules
 from ...plant_emulator.evaluation.report_in_json import motion_report
 from ...plant_emulator.evaluation.run_record import RunningFigures
 from ...plant_emulator.evaluation.run_verdict import VerdictRules
+from ...plant_emulator.path.corridor import beyond_lane_m
+from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...runtime.node import NS_PER_S
 
 SAMPLES_MAX = 31_000
@@ -41,15 +48,20 @@ _LIMITS = {
     messages.SteeringStatusCode.LIMITED: "actuator",
 }
 _RULES = VerdictRules()
+_LANE = CarSettings().lane
 
 
 class HeldPath:
     """Takes the messages of a log in their order.
 
+    ``preview_m``    where the preview point is, ahead of the centre of gravity
     ``has_started``  whether a command came
     """
 
-    def __init__(self) -> None:
+    def __init__(self, preview_m: float) -> None:
+        self._preview_m = preview_m
+        self._heading_rad = self._error_m = self._curvature_1_m = math.nan
+        self._grip_at_s = math.nan
         self._figures = RunningFigures(HeldRules(_RULES.settling_band_m), SAMPLES_MAX)
         """Of the preview point; ``_of_car`` has the same where the log tells where the car is."""
         self._of_car = RunningFigures(HeldRules(_RULES.settling_band_m), SAMPLES_MAX)
@@ -81,7 +93,8 @@ class HeldPath:
             self._wheel_rad = message.wheel_angle_rad
             self._limit = _LIMITS.get(message.status, "")
         elif isinstance(message, messages.LateralError) and self.has_started:
-            error_m = message.lateral_error_m
+            self._error_m = error_m = message.lateral_error_m
+            self._heading_rad = message.heading_error_rad
             if not self.samples:
                 self._first_s = at_s
             is_settled = at_s - self._first_s >= _RULES.settled_s
@@ -91,6 +104,21 @@ class HeldPath:
                     figures.rules = figures.rules._replace(settled_after=figures.held.samples)
                 if not math.isnan(judged_m):
                     figures.add(error_m, cg_deviation_m, judged_m, self._wheel_rad, self._limit)
+        elif isinstance(message, messages.VehicleState):
+            self._curvature_1_m = message.preview_curvature_1_m
+        elif isinstance(message, messages.CarTruth) and at_s >= self._first_s:
+            self._grip_at_s = at_s - self._first_s
+            used, figures = (message.front_grip_used, message.rear_grip_used), self._of_car
+            beyond_m = self._beyond_lane_m(cg_deviation_m)
+            figures.grip = grip_step(figures.grip, self._grip_at_s, *used, beyond_m)
+
+    def _beyond_lane_m(self, cg_deviation_m: float) -> float:
+        """Return how far a corner of the body is beyond its lane [m]; NaN for unknown."""
+        rho, psi, rear_m = self._curvature_1_m, self._heading_rad, _LANE.rear_m
+        turn_rad = psi + rho * self._preview_m
+        rear_end_m = cg_deviation_m - rear_m * math.sin(turn_rad) - 0.5 * rho * rear_m * rear_m
+        at = self._preview_m, psi, self._error_m, rho
+        return float(beyond_lane_m(_LANE, *at, rear_end_m))
 
     def _smoothed(self, at_s: float, error_m: float, cg_m: float) -> tuple[float, float]:
         recent = self._recent
@@ -111,6 +139,7 @@ class HeldPath:
             figures, rules = self._figures, VerdictRules(judged_point="preview")
         if left_range and figures.held.samples:
             figures.held = figures.held._replace(preview_peak_m=math.inf)
+            figures.left_path_s = self._grip_at_s
         motion_ns = round(figures.held.samples * period_s * NS_PER_S)
         return motion_report(figures, motion_ns, rules, 0.0, period_s)
 

@@ -166,7 +166,7 @@ class LogAnalysis:
     """
 
     def __init__(self, preview_m: float = PREVIEW_M, listening: Listening = OUR_MESSAGES) -> None:
-        self._held_path = HeldPath()
+        self._held_path = HeldPath(preview_m)
         self.listener = BusListener(listening)
         self.listed = self.listener.listening.listed
         self._is_ours, self._applies_unseen = self.listener.listening is OUR_MESSAGES, False

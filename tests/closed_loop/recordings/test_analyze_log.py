@@ -10,9 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_pair
 from steer_by_wire.closed_loop.recordings.durations import History
 from steer_by_wire.closed_loop.recordings.sensing_times import relative_uplink
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.tools.analyze.__main__ import main
 from tests.support.frames.recorded_frames import entries_in
@@ -35,6 +38,7 @@ from tests.support.suite.unrendered import unrendered as unrendered
 pytestmark = pytest.mark.usefixtures("unrendered")
 Capture = pytest.CaptureFixture[str]
 PERIOD_S = 0.01
+WITHOUT_GUARD = {"lateral_acceleration_m_s2_max": "off", "lateral_jerk_m_s3_max": "off"}
 
 
 # Figures against the run itself
@@ -94,6 +98,32 @@ def test_a_latency_that_does_not_vary_comes_out_in_both_directions(constant: Run
     assert latency["reported_uplink"]["p50_s"] == pytest.approx(UPLINK_S, abs=5e-4)
     on_their_way = (DOWNLINK_S + UPLINK_S) / PERIOD_S + 2
     assert 0 <= latency["commands"] - latency["commands_seen_to_act"] <= on_their_way
+
+
+@pytest.mark.parametrize(
+    ("length_m", "tells_truth", "is_named"),
+    [(65.0, True, True), (65.0, False, False), (80.0, True, False)],
+)
+def test_a_log_names_the_grip_as_its_run_does(
+    tmp_path: Path, length_m: float, tells_truth: bool, is_named: bool
+) -> None:
+    change = {"kind": "single_lane_change", "start_m": 55.6, "offset_m": 3.5}
+    plant = plant_preset("highway_nominal", ["vehicle.speed_m_s=27.8", "car.friction=0.3"])
+    plant = PlantSettings.model_validate(
+        plant.model_dump()
+        | {"path": {**change, "length_m": length_m}, "ground_truth": tells_truth}
+        | {"duration_s": 6.0, "safety": WITHOUT_GUARD}
+    )
+    log = tmp_path / "run.log"
+    run = run_virtual_pair(plant, controller_preset("highway_mpc"), candump_log=log)
+    named, read = run.plant["node"]["grip_used"], analyse(log)["held_path"]["grip_used"]
+    assert (read is not None) == is_named
+    assert (named is not None) == (is_named or not tells_truth)
+    if read is not None:
+        assert read["left_s"] == pytest.approx(named["left_s"], abs=0.03)
+        for axle in ("front", "rear"):
+            assert read[axle]["from_s"] == pytest.approx(named[axle]["from_s"], abs=0.03)
+            assert read[axle]["share"] == pytest.approx(named[axle]["share"], abs=0.02)
 
 
 def test_cycle_times_are_those_of_the_dbc(constant: Run) -> None:
