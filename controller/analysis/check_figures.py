@@ -13,7 +13,7 @@ delays                 of a law that looks back or a loop of two rates: sensitiv
 stable_delays          the constant delays at which the loop is stable: ``margin_s`` (null:
                        beyond the search), ``intervals_s``, ``searched_s``
 jitter                 for some mean latencies, the standard deviations that are tolerated
-delay_max_s            of [validity]; null without
+delay_max_s, judged_on  of [validity]; null without
 corners                of [validity]: each vehicle, the delay up to which it is judged and its
                        ``stable_delays``; empty without [validity]
 fallback               law and ``stable_delays`` of what takes over without echoes; or null
@@ -72,7 +72,8 @@ def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
             progress(f"stable delays at {in_words(changed)}")
             stable = _delays(loop_around(settings, vehicle, responses), limit_ns)
             corners.append({"vehicle": changed, "stable_delays": stable})
-    return figures | {"delay_max_s": delay_max_s, "corners": corners}
+    judged_on = None if validity is None else validity.judged_on
+    return figures | {"delay_max_s": delay_max_s, "judged_on": judged_on, "corners": corners}
 
 
 def loop_around(

@@ -73,6 +73,8 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
         yield from figures["closing"]
         yield "Latency that varies is for simulation: steer-by-wire study."
     yield from _corners(figures["corners"])
+    if figures["judged_on"]:
+        yield f"The preset's errors were judged on: {figures['judged_on']}."
 
 
 def _closed_loop(figures: Figures) -> Iterator[str]:

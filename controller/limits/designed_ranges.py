@@ -51,6 +51,8 @@ class ValiditySettings(VehicleRanges):
     """The box, and the longest delay from command to wheel."""
 
     delay_ms_max: Annotated[float, Field(ge=0.0, le=2000.0)]
+    judged_on: str | None = None
+    """The runs behind the figures of a preset, in words, where they do not span the box."""
 
     def corners(self, nominal: NominalVehicle) -> tuple[NominalVehicle, ...]:
         """Return the 2^n corners of the box around a nominal vehicle."""

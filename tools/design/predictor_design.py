@@ -41,7 +41,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
 from .demands import Demand
-from .road import lag_of, road_plants
+from .road import lag_of, road_plants, roads_in_words
 from .search.evolution import Check, Search, SearchStoppedError, Values
 from .search.law_parameters import validity, with_set_point
 from .specification import ConditionsTable, PredictorTable, Specification
@@ -67,6 +67,17 @@ START_WITH_YAW_RATE = {
     "yaw_rate_sensor_noise_rad_s": 0.002,
 }
 """The same where the law reads the yaw rate."""
+START_WITH_PATH = {
+    "steer_per_error_rad_m": 0.45,
+    "steering_offset_walk_rad_sqrt_s": 0.0001,
+    "curvature_walk_1_m_sqrt_s": 0.0015,
+    "yaw_rate_noise_rad_s_sqrt_s": 0.02,
+    "side_slip_noise_rad_sqrt_s": 0.0007,
+    "yaw_rate_sensor_noise_rad_s": 0.0008,
+}
+"""The same where the path is known, too: a filter that believes its model."""
+_CURVATURE_AVERAGING_S = 0.05
+"""Mean of the rate of VEHICLE_STATE's curvature; chosen."""
 _RANGE, _RANGE_WITH_YAW_RATE = 30.0, 6.0
 """Factor by which the search may leave the start."""
 _SPREAD = 0.1
@@ -92,6 +103,11 @@ class Task(NamedTuple):
     def vehicles(self) -> tuple[NominalVehicle, ...]:
         """The vehicles that are judged."""
         return self.vehicle.box.grid(self.table.values_per_range)
+
+    @property
+    def knows_path(self) -> bool:
+        """Whether the path's curvature comes over the bus."""
+        return self.spec.road is not None and self.spec.road.path_known
 
     @property
     def steering_s(self) -> tuple[float, float]:
@@ -218,6 +234,7 @@ class PredictorDesign(NamedTuple):
     ``jitter_rms_m``     worst path and vehicle of each jitter of the specification, settled
     ``conditions_m``     largest error under each of the specification's conditions
     ``road_m``           on a road, ``road_errors_m`` at each of ``delays_ns``; else empty
+    ``without_path_m``   the same where PATH_AHEAD does not come, of a design that knows the path
     ``fallback_up_to_ns``  constant delay up to which every corner is stable with the pd_ddob that
                          takes over without echoes; at most DELAY_NS_MAX of the analysis
     ``ended``            whether the search came to its end; otherwise this is its best so far
@@ -235,6 +252,7 @@ class PredictorDesign(NamedTuple):
     conditions_m: tuple[float, ...]
     fallback_up_to_ns: int
     road_m: FloatArray
+    without_path_m: FloatArray
     ended: bool = True
 
 
@@ -307,7 +325,8 @@ def _ranges(task: Task) -> tuple[dict[str, tuple[float, float]], Values]:
     table = task.table
     start, factor = dict(START), _RANGE
     if table.reads_yaw_rate:
-        start, factor = dict(START_WITH_YAW_RATE), _RANGE_WITH_YAW_RATE
+        factor = _RANGE_WITH_YAW_RATE
+        start = dict(START_WITH_PATH if task.knows_path else START_WITH_YAW_RATE)
     ranges = {key: (value / factor, value * factor) for key, value in start.items()}
     if table.lag_margin_ms is not None:
         _, own_s = task.steering_s
@@ -340,6 +359,8 @@ def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDes
     spec, delays_ns = task.spec, task.table.delays_ns
     columns = [runs(task, settings, constant(delay_ns)) for delay_ns in delays_ns]
     road_m = [road_errors_m(task, settings, each) for each in delays_ns if spec.road is not None]
+    without = [_without_path(task)] if task.knows_path else []
+    without_path_m = [road_errors_m(one, settings, each) for one in without for each in delays_ns]
     return PredictorDesign(
         settings,
         {},
@@ -352,7 +373,16 @@ def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDes
         tuple(largest_error_m(task, settings, met) for met in task.table.conditions),
         _fallback_up_to_ns(task.vehicle, settings),
         np.array(road_m),
+        np.array(without_path_m),
     )
+
+
+def _without_path(task: Task) -> Task:
+    """Return the same task where the plant does not send PATH_AHEAD."""
+    table = task.table
+    road = required(table.road).model_copy(update={"path_known": False})
+    without = {"predictor": table.model_copy(update={"road": road})}
+    return task._replace(spec=task.spec.model_copy(update=without))
 
 
 def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> int:
@@ -396,6 +426,14 @@ def _shares(task: Task, settings: ControllerSettings) -> Iterator[float]:
         yield largest_error_m(task, settings, met) / met.error_m_max
 
 
+def judged_on(task: Task) -> str | None:
+    """Return on what a road's design is judged, in words; None for one of a box."""
+    if task.spec.road is None:
+        return None
+    delays = ", ".join(f"{delay_ns / NS_PER_MS:g}" for delay_ns in task.table.delays_ns)
+    return "; ".join((*roads_in_words(task.spec.road), f"delays of {delays} ms"))
+
+
 def _settings(task: Task, fallback: ControllerSettings, values: Values) -> ControllerSettings:
     """Return the settings of a point of the search."""
     table, vehicle = task.table, task.vehicle
@@ -409,12 +447,13 @@ def _settings(task: Task, fallback: ControllerSettings, values: Values) -> Contr
         measures_lag=table.measures_lag,
         measures_mass=table.measures_mass,
         lateral_acceleration_m_s2_max=table.lateral_acceleration_m_s2_max,
+        curvature_averaging_s=_CURVATURE_AVERAGING_S if task.knows_path else None,
     )
     tables["nominal_model"] = VehicleModelSettings(**vehicle.vehicle.model_dump())
     settings = ControllerSettings(
         **tables,
         law="predictor",
-        validity=validity(vehicle, table.delay_ms_max),
+        validity=validity(vehicle, table.delay_ms_max, judged_on(task)),
         link=LinkSettings(
             sensor_period_ms=fallback.link.sensor_period_ms,
             delay_averaging_s=table.delay_averaging_s,

@@ -83,9 +83,12 @@ def predictor_figures(spec: Specification, design: PredictorDesign) -> Iterator[
     """Yield a heading and a figure, line by line."""
     table = required(spec.predictor)
     delays_ms = [delay_ns // NS_PER_MS for delay_ns in design.delays_ns]
-    for ms, (known_m, other_m) in zip(delays_ms, design.road_m, strict=False):
-        other = f"{other_m:.3f} m {100.0 * required(spec.road).off_share:g} % heavier and softer"
-        yield "largest error", f"{known_m:.3f} m at {ms} ms, {other}"
+    roads = {"largest error": design.road_m, "no PATH_AHEAD": design.without_path_m}
+    for label, errors_m in roads.items():
+        for ms, (known_m, other_m) in zip(delays_ms, errors_m, strict=False):
+            share = required(spec.road).off_share
+            other = f"{other_m:.3f} m {100.0 * share:g} % heavier and softer"
+            yield label, f"{known_m:.3f} m at {ms} ms, {other}"
     for ms, rms_m, settled_m in zip(delays_ms, design.rms_m, design.settled_rms_m, strict=True):
         yield (
             "RMS error",

@@ -9,6 +9,7 @@ from ...closed_loop.studies.scenario import Scenarios
 from ...closed_loop.studies.study import load_study
 from ...controller.filters.nominal_model import NominalVehicle
 from ...plant_emulator.network.settings import BothLatencySettings, LatencySettings
+from ...plant_emulator.sensors.settings import PathAheadSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.settings import ActuatorSettings, VehicleSettings
@@ -35,9 +36,17 @@ def roads_of(study: str) -> Sequence[PlantSettings]:
 
 
 def roads_in_words(road: RoadTable) -> tuple[str, str]:
-    """Return which roads are driven, and by which cars."""
-    cars = f"the car as known, and {100.0 * road.off_share:g} % heavier and softer"
-    return f"{len(roads_of(road.study))} roads of the study {road.study}", cars
+    """Return which roads are driven, at what speed and friction, and by which cars."""
+    plants = roads_of(road.study)
+    speeds_km_h = [3.6 * plant.vehicle.speed_m_s for plant in plants]
+    frictions = [(plant.car or CarSettings()).friction for plant in plants]
+    known = "ahead" if road.path_known else "unknown"
+    roads = (
+        f"{len(plants)} roads of the study {road.study}, {min(speeds_km_h):g} to"
+        f" {max(speeds_km_h):g} km/h, friction {min(frictions):g} to {max(frictions):g},"
+        f" path {known}"
+    )
+    return roads, f"the car as known, and {100.0 * road.off_share:g} % heavier and softer"
 
 
 def on_road(road: RoadTable, vehicle: VehicleFile) -> VehicleFile:
@@ -79,6 +88,7 @@ def road_plants(
                 "car": car.model_copy(update={"friction": (plant.car or car).friction}),
                 "actuator": ActuatorSettings(**steering),
                 "latency": BothLatencySettings(downlink=latency),
+                "path_ahead": PathAheadSettings() if road.path_known else None,
                 "duration_s": duration_s,
                 "seed": seed,
             }

@@ -137,11 +137,14 @@ class RoadTable(Settings):
     """`[predictor.road]`: the roads of a study, in place of the course.
 
     ``study``        a file, or a study that comes with the program
+    ``path_known``   whether the plant sends PATH_AHEAD, and the law reads VEHICLE_STATE's curvature
+                     where that has not come
     ``error_m_max``  largest deviation of the vehicle, with the tyres of its own [car]
     ``off_error_m_max``  the same of one that is heavier and softer by ``off_share``
     """
 
     study: str = "holding_the_road"
+    path_known: bool = False
     error_m_max: PositiveFloat
     off_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.2
     off_error_m_max: PositiveFloat

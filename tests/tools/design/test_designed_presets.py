@@ -63,6 +63,7 @@ PREDICTORS = (
     ("practical_predictor", "paper_vehicle", "practical_predictor"),
     ("highway_predictor", "sedan_vehicle", "road"),
     ("highway_packet", "sedan_vehicle", "road"),
+    ("highway_unknown_path_predictor", "sedan_vehicle", "road_unknown_path"),
     ("highway_stiff_predictor", "highway_vehicle", "highway_stiff"),
 )
 
@@ -108,9 +109,13 @@ def test_a_designed_predictor_says_what_is_measured_anew(
     with ThreadPoolExecutor(2) as pool:
         design = describe_predictor(Task(pool, spec, box), settings)
     said = re.findall(
-        r"^#   (RMS error|jitter|noise gain|peak sensitivity|largest error|without echoes) +(.*)$",
+        r"^#   (RMS error|jitter|noise gain|peak sensitivity|largest error|no PATH_AHEAD"
+        r"|without echoes) +(.*)$",
         text.text,
         re.MULTILINE,
     )
     assert said == list(predictor_figures(spec, design))
+    if spec.road is not None and spec.road.path_known:
+        assert design.road_m[:, 0].max() < 0.15
+        assert design.road_m[:, 1].max() < 0.3
     assert not any(demand.excess for demand in predictor_demands(spec, design))

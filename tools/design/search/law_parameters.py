@@ -89,9 +89,12 @@ def with_set_point(spec: Specification, settings: ControllerSettings) -> Control
     return settings.model_copy(update={"followed_point": point})
 
 
-def validity(vehicle: VehicleFile, delay_ms_max: float) -> ValiditySettings:
-    """Return what a design for a box and a delay holds for."""
-    return ValiditySettings(**vehicle.uncertainty.given(), delay_ms_max=delay_ms_max)
+def validity(
+    vehicle: VehicleFile, delay_ms_max: float, judged_on: str | None = None
+) -> ValiditySettings:
+    """Return what a design for a box and a delay holds for, and on what it was judged, in words."""
+    box = vehicle.uncertainty.given()
+    return ValiditySettings(**box, delay_ms_max=delay_ms_max, judged_on=judged_on)
 
 
 def designs(settings: ControllerSettings) -> tuple[LawDesign, LawDesign]:
