@@ -108,11 +108,10 @@ def test_a_log_names_the_grip_as_its_run_does(
     tmp_path: Path, length_m: float, tells_truth: bool, is_named: bool
 ) -> None:
     change = {"kind": "single_lane_change", "start_m": 55.6, "offset_m": 3.5}
-    plant = plant_preset("highway_nominal", ["vehicle.speed_m_s=27.8", "car.friction=0.3"])
+    told = {"path": {**change, "length_m": length_m}, "ground_truth": tells_truth}
+    slippery = plant_preset("highway_nominal", ["vehicle.speed_m_s=27.8", "car.friction=0.3"])
     plant = PlantSettings.model_validate(
-        plant.model_dump()
-        | {"path": {**change, "length_m": length_m}, "ground_truth": tells_truth}
-        | {"duration_s": 6.0, "safety": WITHOUT_GUARD}
+        slippery.model_dump() | told | {"duration_s": 6.0, "safety": WITHOUT_GUARD}
     )
     log = tmp_path / "run.log"
     run = run_virtual_pair(plant, controller_preset("highway_mpc"), candump_log=log)

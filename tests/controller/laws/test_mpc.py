@@ -70,22 +70,6 @@ def test_no_command_passes_the_limits_of_angle_and_rate(
         sent_rad = output.steer_rad - state.predictor.fade_rad
 
 
-@pytest.mark.parametrize(("knows_path", "off_m", "share"), [(False, 0.25, 0.5), (True, 0.07, 1.1)])
-def test_a_lane_change_is_held_better_than_by_the_predictor(
-    knows_path: bool, off_m: float, share: float
-) -> None:
-    """Unless the path is known: then both hold it."""
-    path = {"plant.path_ahead": {}} if knows_path else {}
-    plans, follows = (
-        simulate(
-            "highway_nominal", "highway_mpc", law=law, duration_s=6, overrides={**ROAD, **path}
-        )
-        for law in ("mpc", "predictor")
-    )
-    assert 0.005 < plans.peak_m < off_m
-    assert plans.peak_m < share * follows.peak_m
-
-
 @pytest.mark.parametrize("law", ["predictor", "packet"])
 def test_a_predictor_that_reads_the_curvature_holds_a_bend_better(law: str) -> None:
     """Without PATH_AHEAD; with it, the curvature beside the preview point changes nothing."""

@@ -30,10 +30,10 @@ def plant_of(road: str, latency_s: float) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("preset", "road", "latency_s"),
     [
-        ("highway_predictor", "μ 1, 60 km/h", 0.2),
+        ("highway_unknown_path_predictor", "μ 1, 60 km/h", 0.2),
         ("highway_mpc", "μ 1, 80 km/h", 0.0),
         ("highway_mpc", "μ 0.5, 100 km/h", 0.2),
-        ("highway_predictor", "μ 0.3, 60 km/h", 0.2),
+        ("highway_unknown_path_predictor", "μ 0.3, 60 km/h", 0.2),
     ],
 )
 def test_a_car_written_apart_is_as_far_off(preset: str, road: str, latency_s: float) -> None:
@@ -77,14 +77,13 @@ def test_a_bend_beyond_the_grip_is_held_by_slowing_down() -> None:
         "plant.path_ahead": {"reach_s": 3.0},
         "controller.predictor.lateral_acceleration_m_s2_max": 0.85 * 0.3 * 9.81,
     }
-    asks = {**plant, "controller.mpc.asks_to_slow_down": True}
     slides, slows = (
-        simulate("highway_nominal", "highway_mpc", duration_s=12.0, overrides=each)
-        for each in (plant, asks)
+        simulate("highway_nominal", preset, duration_s=12.0, overrides=plant)
+        for preset in ("highway_mpc", "highway_mpc_asking")
     )
     assert "the car has left its path" in slides.outcome
     assert "the path asks for" in repr(slides)
     assert "complete" in repr(slows)
     assert slows.peak_m < 0.15
     with pytest.raises(SettingsError, match="asks to slow down, which compiled runs do not carry"):
-        simulate("highway_nominal", "highway_mpc", engine="compiled", overrides=asks)
+        simulate("highway_nominal", "highway_mpc_asking", engine="compiled", overrides=plant)
