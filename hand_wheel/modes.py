@@ -54,7 +54,8 @@ def feedback_mode_step(
     p: FeedbackSupervision, x: FeedbackMode, road: RoadEvidence, now_ns: int
 ) -> FeedbackMode:
     """Take at most one transition; a hold begins without good messages."""
-    is_fresh, is_back = not road.is_needed, x.good_run >= p.recovery_frames or not road.is_needed
+    is_back = x.good_run >= p.recovery_frames or not road.is_needed
+    is_fresh = not road.is_needed
     if road.arrival_ns is not None and now_ns - road.arrival_ns <= p.timeout_ns:
         is_fresh = True
     following = x.mode

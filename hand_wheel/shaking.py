@@ -45,10 +45,8 @@ def shaking(
     half = min(len(angles_rad), round(WINDOW_S / period_s)) // 2
     if half < _SAMPLES_MIN:
         return None
-    angles, is_bend = (
-        np.array(angles_rad[-2 * half :], np.float64),
-        any(curvatures_1_m[-2 * half :]),
-    )
+    angles = np.array(angles_rad[-2 * half :], np.float64)
+    is_bend = any(curvatures_1_m[-2 * half :])
     if is_bend:
         angles = angles - _course(angles, round(SLOW_S / period_s))
     first, second = _without_line(angles[:half]), _without_line(angles[half:])

@@ -108,17 +108,20 @@ class HeldPath:
             self._curvature_1_m = message.preview_curvature_1_m
         elif isinstance(message, messages.CarTruth) and at_s >= self._first_s:
             self._grip_at_s = at_s - self._first_s
-            used, figures = (message.front_grip_used, message.rear_grip_used), self._of_car
-            beyond_m = self._beyond_lane_m(cg_deviation_m)
-            figures.grip = grip_step(figures.grip, self._grip_at_s, *used, beyond_m)
+            self._of_car.grip = grip_step(
+                self._of_car.grip,
+                self._grip_at_s,
+                message.front_grip_used,
+                message.rear_grip_used,
+                self._beyond_lane_m(cg_deviation_m),
+            )
 
     def _beyond_lane_m(self, cg_deviation_m: float) -> float:
         """Return how far a corner of the body is beyond its lane [m]; NaN for unknown."""
         rho, psi, rear_m = self._curvature_1_m, self._heading_rad, _LANE.rear_m
         turn_rad = psi + rho * self._preview_m
         rear_end_m = cg_deviation_m - rear_m * math.sin(turn_rad) - 0.5 * rho * rear_m * rear_m
-        at = self._preview_m, psi, self._error_m, rho
-        return float(beyond_lane_m(_LANE, *at, rear_end_m))
+        return float(beyond_lane_m(_LANE, self._preview_m, psi, self._error_m, rho, rear_end_m))
 
     def _smoothed(self, at_s: float, error_m: float, cg_m: float) -> tuple[float, float]:
         recent = self._recent

@@ -215,7 +215,8 @@ class Plausibility:
         if before is None:
             return
         errors = lateral_error_m - before[0], heading_error_rad - before[1]
-        moved, kept = self._moved(motion, *errors, aim_rad), exp(-motion.lasted_s / FORGETS_S)
+        moved = self._moved(motion, *errors, aim_rad)
+        kept = exp(-motion.lasted_s / FORGETS_S)
         for name in self._names:
             bound = BOUNDS[name]
             after = memory_step(bound, self._memories[name], moved[name], motion.lasted_s, kept)

@@ -111,9 +111,7 @@ def _recording_file(text: str) -> Path:
     return path
 
 
-def settings_file(
-    *packages: str, belongs: Callable[[str], bool] = bool
-) -> Callable[[str], Path]:  # fmt: skip
+def settings_file(*packages: str, belongs: Callable[[str], bool] = bool) -> Callable[[str], Path]:
     """Return the type of an option that takes a TOML file, or one of these packages by its name.
 
     ``belongs``  whether a name is one of those that the option takes
