@@ -181,7 +181,8 @@ def outlook_of(p: PredictorParams, x: PredictorState, observed: LawInput) -> Out
     curve = x.curve
     if p.curve.share > 0.0:
         curve = curve_step(p.curve, curve, observed)
-        if x.curve.sample >= 0 and newest.sample > loop_delay.path_end:
+        is_known = x.curve.sample >= 0 and curve.sample >= 0
+        if is_known and newest.sample > loop_delay.path_end:
             change_1_m = curve.curvature_1_m - x.curve.curvature_1_m
             estimate, newest = curved(estimate, change_1_m), curved(newest, change_1_m)
     found = (estimate, measured, settled_sample, gains, newest, horizon, is_predicting, curve)

@@ -70,6 +70,16 @@ def test_no_command_passes_the_limits_of_angle_and_rate(
         sent_rad = output.steer_rad - state.predictor.fade_rad
 
 
+def test_a_curvature_that_is_lost_stays_in_the_estimate() -> None:
+    law = design_law(controller_preset("highway_mpc", ["followed_point=preview"]))
+    bent = VehicleReading(SPEED_M_S, 0.0, 0.05)
+    seen = LawInput(0.1, 0.0, bent, LoopDelay(2, 2, 2, 0.0, True), history(lambda _: -1))
+    lost = seen._replace(vehicle=bent._replace(is_stale=True))
+    state: Any = law.step(law.params, law.initial_state(0.0), seen)[0]
+    knows, loses = (law.step(law.params, state, one)[0].predictor for one in (seen, lost))
+    assert loses.estimate == knows.estimate
+
+
 @pytest.mark.parametrize("law", ["predictor", "packet"])
 def test_a_predictor_that_reads_the_curvature_holds_a_bend_better(law: str) -> None:
     """Without PATH_AHEAD; with it, the curvature beside the preview point changes nothing."""

@@ -10,9 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from steer_by_wire.dbc.messages import ControllerStatus, encode
-from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.key_file import _obstacle, cmac_maker, open_authentication, read_key
-from steer_by_wire.dbc.secoc.secured_frame import Refused
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.frames.made_messages import message_with
 
@@ -150,16 +148,8 @@ def test_every_start_has_a_challenge_of_its_own_and_a_higher_counter(file: Path)
     status = encode(message_with(ControllerStatus), 0)
     sent = [open_authentication(file, ["PLANT"]).secure(status).data for _ in range(3)]
     assert len({data[8:16] for data in sent}) == 3
-    counters = [int.from_bytes(data[24:32], "big") for data in sent]
-    assert counters == sorted(counters)
-    assert counters[0] > 1_700_000_000_000_000  # microseconds of the wall clock
-
-
-def test_two_ends_that_read_one_file_believe_each_other(file: Path) -> None:
-    status = encode(message_with(ControllerStatus), 0)
-    ends = [open_authentication(file, [peer]) for peer in ("PLANT", "CONTROLLER")]
-    assert isinstance(ends[0], Authentication)
-    assert ends[1].verify(ends[0].secure(status)) is Refused.UNSYNCHRONISED  # and not FORGED
+    counters = [int.from_bytes(data[24:32], "big") for data in sent]  # [us] of the wall clock
+    assert 1_700_000_000_000_000 < counters[0] < counters[1] < counters[2]
 
 
 def test_without_cryptography_one_line_says_what_to_install(
