@@ -164,7 +164,9 @@ _REASONS: Mapping[Verdict, Callable[[Report], str]] = {
     Verdict.TOO_SHORT: lambda _node: (
         f"a run of less than {SHORTEST_RUN_S:g} s shows nothing; let it last longer"
     ),
-    Verdict.LEFT_RANGE: lambda _node: f"the error exceeded ±{RANGE_M:g} m",
+    Verdict.LEFT_RANGE: lambda _node: (
+        f"the error exceeded ±{RANGE_M:.4g} m, or the car left its path"
+    ),
     Verdict.LEFT_CORRIDOR: lambda node: (
         f"the body left the corridor at {_in_corridor(node)} by"
         f" {_millimetres(node['corridor']['outside_m'])}"
