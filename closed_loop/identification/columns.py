@@ -161,6 +161,8 @@ def proposed_mapping(file: Path) -> str:
     taken |= _STEERING if taken & _STEERING else set()
     missing = [role for role, _ in _GUESSES if role not in taken]
     lines += ["", *(f"# none found for {role}" for role in missing)]
+    if not taken:
+        lines.append("# A log of the bus needs no columns: identify it as it is.")
     return "\n".join(lines).replace("'", '"') + "\n"
 
 

@@ -129,7 +129,10 @@ def _run(options: argparse.Namespace) -> int:
     margin = delay_margin(found.found, found.speed_m_s, options.controller, progress.advance)
     notes = [*found.notes, *(steering.notes if steering else ())]
     if progress.stopped_in:
-        stopped = f"interrupted in {progress.stopped_in}: the best so far; intervals may be wrong"
+        doubt = "intervals may be wrong"
+        if progress.stopped_in == "delays":
+            doubt = "tolerated delays were not computed"
+        stopped = f"interrupted in {progress.stopped_in}: the best so far; {doubt}"
         notes, source = [*notes, stopped], f"{source} ({stopped})"
     texts = _tables(found, source, bus, steering)
     figures = [*found.figures, *(steering.figures if steering else ())]
