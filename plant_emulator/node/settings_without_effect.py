@@ -105,7 +105,7 @@ def _car(car: CarSettings, motion_s: float, driven_m: float) -> Iterator[str]:
 
 def _path(settings: PlantSettings, path: Path, driven_m: float) -> Iterator[str]:
     speed_m_s = settings.vehicle.speed_m_s
-    if not path.closed and path.length_m > driven_m:
+    if not path.closed and driven_m < 0.999 * path.length_m:
         yield f"path: only {driven_m:.4g} m of its {path.length_m:.4g} m were driven"
     elif not path.closed and isinstance(settings.path, WaypointSettings | PluginPathSettings):
         end_s = path.length_m / speed_m_s
