@@ -38,7 +38,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.node import NS_PER_S
 from ..compiled.compilation import compiled
-from ..compiled.step_functions import register
+from ..compiled.step_functions import register, register_records
 
 RealArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""
@@ -225,6 +225,7 @@ def latency_figures(latency_s: RealArray) -> LatencyFigures:
     return LatencyFigures(float(known_s.mean()), float(np.partition(known_s, rank)[rank]))
 
 
+register_records()
 register(window_figures, held_step)
 
 
