@@ -47,6 +47,11 @@ if TYPE_CHECKING:
 
 _ANY_SPEED_M_S = 100.0
 """Beyond what the bus carries: nothing is asked."""
+_EVERY = 3
+"""Of the path's samples, each third is looked at."""
+_STRAIGHT_1_M = 1e-4
+_CUT_M = 0.1
+"""By how much a bend may be cut without being asked to slow down; chosen."""
 _RECOVERY_M_S2 = 1.0
 """How fast the asked speed rises again behind a bend; chosen."""
 
@@ -111,14 +116,31 @@ def mpc_step(p: MpcParams, x: MpcState, observed: LawInput) -> tuple[MpcState, L
 
 
 def speed_for_bends(p: MpcParams, observed: LawInput) -> float:
-    """Return the speed at which the sharpest bend known takes the acceleration [m/s]."""
-    loop_delay, history = observed.loop_delay, observed.history
+    """Return the speed at which the sharpest bend known takes the acceleration [m/s].
+
+    A car may cut a bend by c. Averaged over the length sqrt(24 c / κ), the path lies κ length² / 24
+    inside of a bend of the curvature κ, and its own curvature is the average. So a short bend may
+    take more for a moment; in a long one there is nothing to cut.
+    """
     if p.side_m_s2_max == inf:
         return _ANY_SPEED_M_S
-    bend_1_m = abs(observed.vehicle.preview_curvature_1_m)
-    for sample in range(max(loop_delay.error_sample, 0), loop_delay.path_end + 1, 3):
-        bend_1_m = max(bend_1_m, abs(history.curvature_1_m[sample & history.sample_mask]))
-    return min(sqrt(p.side_m_s2_max / max(bend_1_m, 1e-9)), _ANY_SPEED_M_S)
+    loop_delay, history = observed.loop_delay, observed.history
+    known_1_m, mask = history.curvature_1_m, history.sample_mask
+    bend_1_m, first, end = 0.0, max(loop_delay.error_sample, 0), loop_delay.path_end
+    for sample in range(first, end + 1, _EVERY):
+        bend_1_m = max(bend_1_m, abs(known_1_m[sample & mask]))
+    step_m = _EVERY * p.predictor.curve.sample_s * max(observed.vehicle.speed_m_s, 1.0)
+    behind = _EVERY * int(sqrt(24.0 * _CUT_M / max(bend_1_m, _STRAIGHT_1_M)) / step_m + 1.0)
+    if end - first < behind:  # the path is unknown, or too short to average it
+        bend_1_m = max(bend_1_m, abs(observed.vehicle.preview_curvature_1_m))
+    else:
+        total_1_m, bend_1_m = 0.0, 0.0
+        for sample in range(first, end + 1, _EVERY):
+            total_1_m += known_1_m[sample & mask]
+            if sample - first >= behind:
+                total_1_m -= known_1_m[(sample - behind) & mask]
+                bend_1_m = max(bend_1_m, abs(total_1_m) * _EVERY / behind)
+    return min(sqrt(p.side_m_s2_max / max(bend_1_m, _STRAIGHT_1_M)), _ANY_SPEED_M_S)
 
 
 def write_unknowns(

@@ -21,7 +21,7 @@ from steer_by_wire import simulate
 from tests.system.loop.test_holding_the_road import STUDY, plant_of
 
 SEED, BENDS, OFF_M = 1, 40, 0.3
-PRESET, SHARE, GRAVITY_M_S2, DURATION_S = "highway_mpc_asking", 0.85, 9.81, 12.0
+PRESET, SHARE, GRAVITY_M_S2, DURATION_S = "highway_mpc_asking", 0.9, 9.81, 12.0
 OFF = STUDY["base"]["variants"]["mpc + path, heavy and soft"]["plant"]["vehicle"]
 KINDS = (("not asked", "missed"), ("false", "asked"))
 """By whether a car was asked to slow down, and whether it had to be."""
