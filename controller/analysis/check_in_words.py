@@ -74,7 +74,7 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
         yield "Latency that varies is for simulation: steer-by-wire study."
     yield from _corners(figures["corners"])
     if figures["judged_on"]:
-        yield f"The preset's errors were judged on: {figures['judged_on']}."
+        yield from wrap(f"The preset's errors were judged on: {figures['judged_on']}.", _WIDTH)
 
 
 def _closed_loop(figures: Figures) -> Iterator[str]:
