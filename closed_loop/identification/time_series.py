@@ -35,7 +35,7 @@ _EVEN_SAMPLES, _SAMPLES_MIN = 1000, 20
 _JITTER_S = 2e-4
 _FAR_QUANTA, _HELD_SHARE = 3.0, 0.98
 """A value that moves so far changes in each row, unless its sensor is slower; chosen."""
-DURATION_S_MAX = 7200.0
+DURATION_S_MAX, SAMPLES_MAX = 7200.0, 2_000_000
 
 
 class Quantity(StrEnum):
@@ -205,6 +205,8 @@ def make_drive(channels: Iterable[Channel], source: str) -> Drive:
     for channel in channels:
         if channel.quantity is Quantity.COMMAND:
             continue
+        if len(channel.time_s) > SAMPLES_MAX:
+            raise SettingsError(f"{source}: {channel.name} has over {SAMPLES_MAX} samples: --to S")
         kept, held_s = without_repeats(channel)
         if held_s:
             notes.append(f"{channel.name}: has a sample in {1e3 * held_s:.0f} ms, repeated between")
