@@ -52,6 +52,7 @@ class Job(NamedTuple):
     ``sources``   names of the files of vehicle and specification
     ``minutes``   after which the search ends with its best so far
     ``basis``     the pd_ddob that a predictor falls back to, or the predictor of a packet
+    ``basis_ended``  whether the search for that predictor came to its end
     """
 
     spec: Specification
@@ -62,6 +63,7 @@ class Job(NamedTuple):
     picture_folder: Path
     minutes: float
     basis: ControllerSettings | None = None
+    basis_ended: bool = True
 
 
 class Outcome(NamedTuple):
@@ -131,7 +133,7 @@ def _predictor(job: Job) -> Outcome:
         error = f"{law}: no design; a plan cannot allow for the dead time of the steering"
         return Outcome((), (), unmet_text(law, basis, (), job.sources), error)
     else:
-        design = plan_ahead(spec, vehicle, basis)
+        design = plan_ahead(spec, vehicle, basis)._replace(ended=job.basis_ended)
     judged = f"{law}  ({design.judged} sets of parameters judged)"
     lines = ("", judged, *_table(predictor_figures(spec, design)))
     demands = predictor_demands(spec, design)
@@ -198,16 +200,18 @@ def run_design(options: argparse.Namespace) -> int:
                 continue
             if law == FALLBACK and spec.predictor is not None:
                 fallback = fallback or design.preset
-        basis, needed = fallback, "pd_ddob for it to fall back to"
+        basis, basis_ended, needed = fallback, True, "pd_ddob for it to fall back to"
         for law in laws[len(linear_laws(spec)) :]:
             if basis is None:
                 say(NAME, f"error: {law}: there is no {needed}", sys.stderr)
                 status = NO_DESIGN
                 continue
-            outcome = pool.submit(run_job, jobs[law]._replace(basis=basis)).result()
+            job = jobs[law]._replace(basis=basis, basis_ended=basis_ended)
+            outcome = pool.submit(run_job, job).result()
             figures[law] = _print(outcome)
             status = NO_DESIGN if outcome.error else status
-            basis, needed = outcome.preset, "predictor whose commands it plans"
+            basis, basis_ended = outcome.preset, outcome.ended
+            needed = "predictor whose commands it plans"
     if options.json is not None:
         write_json(options.json, {"specification": spec.model_dump(mode="json"), "laws": figures})
     print(f"\nplant for these: {rig}")

@@ -95,13 +95,13 @@ def test_a_design_on_a_road_reads_the_yaw_rate_and_believes_in_more_lag(
     words = [str(SEDAN), "--spec", str(SHIPPED / "road.toml"), "--out", str(tmp_path)]
     quick = ["predictor.seeds=1", "name=car", "course.duration_s=5", "predictor.delay_ms_max=100"]
     options = [option for each in quick for option in ("--set", each)]
-    status = design_gains.main([*words, *options, "--minutes", "1e-6"])
-    assert status == 0, capsys.readouterr()
+    assert design_gains.main([*words, *options, "--minutes", "1e-6"]) == 0, capsys.readouterr()
     predictor, packet = (
         load_settings(ControllerSettings, None, tmp_path / f"car_{law}.toml")
         for law in ("predictor", "packet")
     )
     assert packet.law == "packet"
+    assert "stopped before its end" in (tmp_path / "car_packet.toml").read_text(encoding="utf-8")
     assert packet.estimator == predictor.estimator
     assert predictor.estimator.yaw_rate_sensor_noise_rad_s is not None
     assert 0.08 <= predictor.estimator.actuator_lag_s <= 0.15  # the steering has 0.05
