@@ -45,7 +45,7 @@ def curve_step(p: CurveParams, x: Curve, observed: LawInput) -> Curve:
     """Return the curvature beside the preview point at the newest sample, and its rate."""
     sample, vehicle = observed.loop_delay.error_sample, observed.vehicle
     if vehicle.is_stale:
-        return Curve(-1, 0.0, 0.0)
+        return NO_CURVE
     curvature_1_m = vehicle.preview_curvature_1_m
     if x.sample < 0 or sample < x.sample:
         return Curve(sample, curvature_1_m, 0.0)
