@@ -20,12 +20,14 @@ from ...runtime.array_types import FloatArray
 from .fit import Fit, Progress, Refit, Stopped, quiet, refit
 from .parameters import Problem
 
+Ends = tuple[float, float]
+"""Of an interval."""
 _DOUBLINGS = 3
 _NEAR = 0.1
 """Relative error of the rise that ends a search; a tenth of it is left to the cost."""
 
 
-def profile(found: Fit, name: str, progress: Progress = quiet) -> tuple[float, float]:
+def profile(found: Fit, name: str, progress: Progress = quiet) -> Ends:
     """Return the interval of the coordinate of a parameter, from the profile of the cost.
 
     That is how far it may move, with all others sought again, before the fit is worse. A covariance
@@ -108,8 +110,8 @@ _ENOUGH: Mapping[str, float] = {
 _SHARE = 0.25
 _POSITIVE = ("1", "m", "m2", "N/(rad kg)")
 """Units of what is positive: its logarithm is nearer to a normal distribution."""
-_DELAYS = ("delay_and_lag_s", "lag_s", "dead_time_s")
-"""No effect comes before its cause; a sum below 0 says that two clocks differ."""
+DELAYS = ("delay_and_lag_s", "lag_s", "dead_time_s")
+"""A sum and its parts."""
 
 
 class _Quantity(NamedTuple):
@@ -172,42 +174,61 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
 
     ``others``  fits of models that may be as right: each interval covers theirs, too
     """
-    figures = []
-    # Of two factors turning shows the product alone.
-    pair = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
-    factors = pair if "wheelbase_m" in {one.name for one in found.problem.assumed} else {}
-    for quantity in _quantities(found.problem):
-        slope = _slope(found, quantity)
-        low, high = _ends(found, quantity, slope)
+    quantities, ends = _quantities(found.problem), dict[str, Ends]()
+    for quantity in quantities:
+        low, high = _ends(found, quantity)
         if progress is not None:
             try:
                 low, high = _by_profile(found, quantity, (low, high), progress)
             except Stopped:
                 progress = None
         for other in others:
-            lower, higher = _ends(other, quantity, _slope(other, quantity))
+            lower, higher = _ends(other, quantity)
             low, high = min(low, lower), max(high, higher)
-        if quantity.name in ("lag_s", "dead_time_s"):
-            high = max(high, 0.0)
-        if quantity.unit in _POSITIVE or (quantity.name in _DELAYS and high >= 0.0):
-            low = max(low, 0.0)
-        value = min(max(figure_values(found.values)[quantity.name], low), high)
-        by_unit = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
-        enough = _ENOUGH.get(quantity.name, by_unit)
-        note, verdict = "", Verdict.IDENTIFIED
-        partner = factors.get(quantity.name, "")
-        if partner or not high - low <= 2.0 * enough:
-            partner = partner or _partner(found, quantity, slope, enough)
-            verdict = Verdict.COMBINATION if partner else Verdict.NOT_IDENTIFIABLE
-            note = f"with {partner}" if partner else _ADVICE.get(quantity.name, _SWEEP)
-        ends = float(low), float(high)
-        figures.append(Figure(quantity.name, quantity.unit, value, *ends, verdict, note))
-    return figures
+        ends[quantity.name] = (max(low, 0.0) if quantity.unit in _POSITIVE else low), high
+    ends |= zip(DELAYS, compatible(*map(ends.__getitem__, DELAYS)), strict=True)
+    values = figure_values(found.values)
+    values["lag_s"] = min(values["lag_s"], max(values["delay_and_lag_s"], 0.0))
+    return [_figure(found, one, values[one.name], *ends[one.name]) for one in quantities]
 
 
-def _ends(found: Fit, quantity: _Quantity, slope: FloatArray) -> tuple[float, float]:
+def compatible(total: Ends, lag: Ends, dead: Ends) -> tuple[Ends, Ends, Ends]:
+    """Return the intervals of a delay and of its parts, narrowed to what they allow each other.
+
+    No effect comes before its cause, so neither part is below 0 or longer than the whole. A whole
+    below 0 says that two clocks differ, and nothing of its parts.
+    """
+    (total_low, total_high), (lag_low, lag_high) = total, np.maximum(lag, 0.0).tolist()
+    dead_low, dead_high = np.maximum(dead, 0.0).tolist()
+    if total_high < 0.0:
+        return total, (lag_low, lag_high), (dead_low, dead_high)
+    if dead[1] < 0.0 or lag_low > total_high:
+        # By chance the fit's lag is beyond the whole, so it does not tell the parts.
+        lag_low, dead_high = 0.0, total_high
+    total_low = max(total_low, lag_low + dead_low)
+    lag_high = min(lag_high, total_high - dead_low)
+    dead_high = min(dead_high, total_high - lag_low)
+    return (total_low, total_high), (lag_low, lag_high), (dead_low, dead_high)
+
+
+def _figure(found: Fit, quantity: _Quantity, value: float, low: float, high: float) -> Figure:
+    value = min(max(value, low), high)
+    by_unit = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
+    enough = _ENOUGH.get(quantity.name, by_unit)
+    # Of two factors turning shows the product alone.
+    pair = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
+    factors = pair if "wheelbase_m" in {one.name for one in found.problem.assumed} else {}
+    note, verdict, partner = "", Verdict.IDENTIFIED, factors.get(quantity.name, "")
+    if partner or not high - low <= 2.0 * enough:
+        partner = partner or _partner(found, quantity, enough)
+        verdict = Verdict.COMBINATION if partner else Verdict.NOT_IDENTIFIABLE
+        note = f"with {partner}" if partner else _ADVICE.get(quantity.name, _SWEEP)
+    return Figure(quantity.name, quantity.unit, value, float(low), float(high), verdict, note)
+
+
+def _ends(found: Fit, quantity: _Quantity) -> Ends:
     """Return the interval by the covariance."""
-    value = figure_values(found.values)[quantity.name]
+    value, slope = figure_values(found.values)[quantity.name], _slope(found, quantity)
     half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
     if quantity.name in ("lag_s", "dead_time_s"):
         square_s2, its_half = found.values["lag_squared_s2"], half_of(found, "lag_squared_s2")
@@ -224,9 +245,7 @@ def _ends(found: Fit, quantity: _Quantity, slope: FloatArray) -> tuple[float, fl
     return value / grown, value * grown
 
 
-def _by_profile(
-    found: Fit, quantity: _Quantity, ends: tuple[float, float], progress: Progress
-) -> tuple[float, float]:
+def _by_profile(found: Fit, quantity: _Quantity, ends: Ends, progress: Progress) -> Ends:
     """Return the ends by the profile, where the covariance alone would not do."""
     sought = {one.name: one for one in found.problem.parameters}
     parameter = sought.get(quantity.source)
@@ -268,9 +287,9 @@ def _slope(found: Fit, quantity: _Quantity) -> FloatArray:
     return slope
 
 
-def _partner(found: Fit, quantity: _Quantity, slope: FloatArray, enough: float) -> str:
+def _partner(found: Fit, quantity: _Quantity, enough: float) -> str:
     """Return the parameter that, once known, would make a quantity narrow enough; or nothing."""
-    covariance = found.covariance
+    covariance, slope = found.covariance, _slope(found, quantity)
     of_quantity = covariance @ slope
     variance = float(slope @ of_quantity)
     best, name = enough, ""

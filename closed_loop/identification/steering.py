@@ -6,8 +6,9 @@ A command takes effect somewhere within a period of the plant's samples; where i
 dead time is known only within a period, and a rate limit only as the fastest motion seen.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from math import exp, isnan
 from typing import Any, NamedTuple
 
@@ -16,12 +17,13 @@ from scipy.optimize import approx_fprime, least_squares
 
 from ...runtime.array_types import FloatArray
 from ..compiled.compilation import compiled
-from .figures import Figure, Verdict
+from .figures import Ends, Figure, Verdict, compatible
 from .time_series import Channel, Quantity
 
 _SAMPLES_MIN = 200
 _STEPS = 10
 """Of the model per sample."""
+_STARTS = 4
 _QUANTUM_RAD = 1e-5
 _UNEXPLAINED_MAX = 0.05
 _LAG_PERIODS = 1.0 / 3.0
@@ -79,44 +81,50 @@ def identify_steering(
     scale = np.array([0.02, 0.02, 1e-3])
     limits = ([5e-3, 0.0, 0.0], [100.0, 50.0, 50.0])
 
-    def best(starts: Iterable[Sequence[float] | FloatArray]) -> Any:
-        # Steps wide enough for a wheel of finite resolution.
-        slopes = partial(approx_fprime, f=errors, epsilon=0.01)
-        ends = [
-            least_squares(errors, np.clip(x, *limits), bounds=limits, jac=slopes) for x in starts
-        ]
-        return min(ends, key=lambda one: float(one.cost))
-
-    rough = best((lag, dead, 0.1) for lag in (1.0, 8.0) for dead in (0.5, 5.0))
-    # Their sum is in a narrow valley: along it there may be a lower place.
-    total = float(rough.x[0] + rough.x[1])
-    shares = np.linspace(0.02, 1.0, 6)
-    found = best([rough.x, *((share * total, total - share * total, 0.1) for share in shares)])
+    # Lag and dead time lie in a narrow valley with several low places: begin at those of a grid.
+    totals, shares, plays = (
+        np.geomspace(0.1, 25.0, 12),
+        np.linspace(0.0, 1.0, 6),
+        (0.0, 0.1, 0.5, 2.0),
+    )
+    grid = [
+        np.clip((share * total, (1.0 - share) * total, play), *limits)
+        for total, share, play in product(totals, shares, plays)
+    ]
+    grid.sort(key=lambda x: float(np.sum(errors(x) ** 2)))
+    # Steps wide enough for a wheel of finite resolution.
+    slopes = partial(approx_fprime, f=errors, epsilon=0.01)
+    ends = [least_squares(errors, x, bounds=limits, jac=slopes) for x in grid[:_STARTS]]
+    found = min(ends, key=lambda one: float(one.cost))
     spread = np.sqrt(np.mean(found.fun**2))
     information = found.jac.T @ found.jac
-    deviations = max(spread, 0.3) * np.sqrt(np.diagonal(np.linalg.pinv(information))) * scale
-    # What drawn times take from the lag they give to the dead time; not so their sum.
-    half, drawn_s = 1.96 * deviations, _LAG_PERIODS * period_s
-    lag_s, dead_s, play_rad = found.x * scale
+    covariance = max(spread, 0.3) ** 2 * np.linalg.pinv(information) * np.outer(scale, scale)
+    lag_half, dead_half, play_half = (1.96 * np.sqrt(np.diagonal(covariance))).tolist()
+    total_half = 1.96 * float(np.sqrt(covariance[:2, :2].sum()))
+    lag_s, dead_s, play_rad = (found.x * scale).tolist()
     fastest = float(np.nanmax(np.abs(np.diff(wheel))) / period_s)
     unexplained = float(spread * _QUANTUM_RAD / np.nanstd(wheel))
-    lag_half, dead_half, play_half = half.tolist()
-    dead_mean_s, dead_low_s = max(dead_s - 0.5 * period_s, 0.0), dead_s - dead_half - period_s
+    # What drawn times take from the lag they give to the dead time; not so their sum.
+    drawn_s, early_s, total_s = _LAG_PERIODS * period_s, dead_s - period_s, lag_s + dead_s
+    of_total, of_lag, of_dead = compatible(
+        (total_s - period_s - total_half, total_s + total_half),
+        (lag_s - lag_half - drawn_s, lag_s + lag_half + drawn_s),
+        (early_s - dead_half - drawn_s, dead_s + dead_half + drawn_s),
+    )
+    of_play = max(play_rad - play_half, 0.0), play_rad + play_half
+    dead_mean_s = max(dead_s - 0.5 * period_s, 0.0)
     figures = [
-        _figure("lag_s", lag_s, lag_s - lag_half - drawn_s, lag_s + lag_half + drawn_s,
-                max(0.1 * lag_s, 0.5 * period_s)),
-        _figure("dead_time_s", dead_mean_s, dead_low_s - drawn_s, dead_s + dead_half + drawn_s,
-                period_s),
-        _figure("delay_and_lag_s", lag_s + dead_mean_s, lag_s + dead_low_s,
-                lag_s + dead_s + dead_half, period_s),
-        _figure("dead_band_rad", play_rad, play_rad - play_half, play_rad + play_half, 2e-4),
+        _figure("lag_s", lag_s, of_lag, max(0.1 * lag_s, 0.5 * period_s)),
+        _figure("dead_time_s", dead_mean_s, of_dead, period_s),
+        _figure("delay_and_lag_s", lag_s + dead_mean_s, of_total, period_s),
+        _figure("dead_band_rad", play_rad, of_play, 2e-4),
         Figure(
             "rate_limit_rad_s", "rad/s", fastest, fastest, np.inf, Verdict.NOT_IDENTIFIABLE,
             "only the fastest motion seen; command a large step to find the limit",
         ),
     ]  # fmt: skip
     table = {"lag_s": float(lag_s), "dead_time_s": float(dead_mean_s)}
-    if play_rad - half[2] > 0.0:
+    if play_rad > play_half:
         table["dead_band_rad"] = float(play_rad)
     if unexplained <= _UNEXPLAINED_MAX:
         return Steering(figures, table, [])
@@ -128,12 +136,13 @@ def identify_steering(
     return Steering(figures, table, [f"steering: {why}"])
 
 
-def _figure(name: str, value: float, low: float, high: float, enough: float) -> Figure:
-    low = max(low, 0.0)
+def _figure(name: str, value: float, ends: Ends, enough: float) -> Figure:
+    low, high = ends
+    value = min(max(value, low), high)
     sure = high - low <= 2.0 * enough + 1e-9
     verdict = Verdict.IDENTIFIED if sure else Verdict.NOT_IDENTIFIABLE
     note, unit = "" if sure else "command steps of the wheel", name.rpartition("_")[2]
-    return Figure(f"actuator:{name}", unit, float(value), float(low), float(high), verdict, note)
+    return Figure(f"actuator:{name}", unit, value, low, high, verdict, note)
 
 
 @compiled
@@ -149,10 +158,10 @@ def _follow(
         seen[sample] = wheel_rad
         for step in range(_STEPS):
             # As if each command had come right behind the sample before the first to name it.
-            place = max(sample + 1.0 + step / _STEPS - dead, 0.0)
-            at = min(int(place), last)
+            end = max(sample + 1.0 + (step + 1.0) / _STEPS - dead, 0.0)
+            at = min(int(end), last)
             # A switch within this step counts by its share, which keeps the errors smooth.
-            newer = min((place - int(place)) * _STEPS + 0.5, 1.0)
+            newer = min((end - int(end)) * _STEPS, 1.0)
             target = newer * command[at] + (1.0 - newer) * command[max(at - 1, 0)]
             goal = min(max(wheel_rad, target - play), target + play)
             wheel_rad = goal + (wheel_rad - goal) * kept

@@ -48,10 +48,7 @@ def one_car(seed: int) -> dict[str, Any]:
     row["figures"] = {
         one.name: {
             "truth": truth[one.name],
-            "value": one.value,
-            "low": one.low,
-            "high": one.high,
-            "verdict": one.verdict,
+            **one._asdict(),
             "fisher": bound.high - bound.low,
         }
         for one, bound in zip(found.figures, bounds, strict=False)

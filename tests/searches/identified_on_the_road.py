@@ -34,9 +34,6 @@ from steer_by_wire.tools.design.virtual_check import constant, drive
 from tests.support.loops.shipped_design import SHIPPED
 from tests.support.runs.drawn_drives import drawn_car, log_of, prescribed
 
-SHORTEST_S = 60_000
-PATH = PathAheadSettings()
-
 
 def true_vehicle(truth: Mapping[str, float], known: Known) -> VehicleFile:
     """Return a drawn car as it is."""
@@ -55,7 +52,7 @@ def one_car(seed: int, spec: Specification, minutes: float) -> list[tuple[float,
     """Return the largest deviations at each delay with each controller [m]."""
     rng = np.random.default_rng(seed)
     truth = drawn_car(rng)
-    minute = (one[:SHORTEST_S] for one in prescribed(truth))
+    minute = (one[:60_000] for one in prescribed(truth))
     drawn = log_of(truth, *minute, rng, knows=seed % 2 == 0, network=(0.002, 0.01))
     found = identify(make_drive(drawn.channels, f"car {seed}"), drawn.known, is_brief=True)
     with TemporaryDirectory() as folder:
@@ -66,8 +63,8 @@ def one_car(seed: int, spec: Specification, minutes: float) -> list[tuple[float,
     identified = on_road(road, identified)
     preset, fallback = map(controller_preset, ("highway_predictor", "highway_pd_ddob"))
     design = design_predictor(spec, identified, fallback, ends_after(minutes))
-    true, runs = true_vehicle(truth, drawn.known), []
-    for settings, path in ((preset, None), (design.settings, None), (design.settings, PATH)):
+    true, runs, ahead = true_vehicle(truth, drawn.known), [], PathAheadSettings()
+    for settings, path in ((preset, None), (design.settings, None), (design.settings, ahead)):
         worst_m = []
         for delay_ns in required(spec.predictor).delays_ns:
             plants = road_plants(road, true, constant(delay_ns), spec.course.duration_s)

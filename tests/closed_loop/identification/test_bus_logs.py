@@ -69,8 +69,11 @@ def test_two_drives_are_two_segments_and_two_parts_of_one_are_one(bus, log, tmp_
 
 
 @cache
-def follower(lag_s: float, dead_s: float, play_rad: float) -> tuple[np.ndarray, ...]:
-    """Samples of a wheel that follows commands, in steps of a tenth of a millisecond."""
+def follower(lag_s, dead_s, play_rad, comes=0.5) -> tuple[np.ndarray, ...]:
+    """Samples of a wheel that follows commands, in steps of a tenth of a millisecond.
+
+    A command comes so many periods after a sample.
+    """
     rng = np.random.default_rng(1)
     time_s = np.arange(0.0, 30.0, 0.01)
     command = 0.05 * np.sin(2.0 * time_s) * np.repeat(rng.uniform(-1.0, 1.0, 30), 100)
@@ -78,19 +81,23 @@ def follower(lag_s: float, dead_s: float, play_rad: float) -> tuple[np.ndarray, 
     for step in range(100 * len(time_s)):
         if step % 100 == 0:
             seen.append(wheel)
-        # A command comes in the middle between two samples.
-        at = min(max(int((step + 50) / 100 - dead_s / 0.01), 0), len(command) - 1)
+        at = min(max(int(step / 100 + 1.0 - comes - dead_s / 0.01), 0), len(command) - 1)
         goal = min(max(wheel, command[at] - play_rad), command[at] + play_rad)
         wheel += 1e-4 / lag_s * (goal - wheel)
     return time_s, np.round(np.array(seen), 5), command
 
 
-@pytest.mark.parametrize(("lag_s", "dead_s", "play_rad"), [(0.05, 0.0, 0.0), (0.15, 0.04, 0.002)])
-def test_lag_dead_time_and_play_lie_in_their_intervals(lag_s, dead_s, play_rad) -> None:
-    found = identify_steering(*follower(lag_s, dead_s, play_rad))
+@pytest.mark.parametrize("truth", [(0.05, 0.0, 0.0), (0.15, 0.04, 0.002), (0.0094, 0.0, 0.0, 0.03)])
+def test_delays_and_play_lie_in_intervals_that_agree(truth) -> None:
+    lag_s, dead_s, play_rad, *_ = truth
+    found = identify_steering(*follower(*truth))
     figures = {one.name.removeprefix("actuator:"): one for one in found.figures}
-    assert figures["lag_s"].value == pytest.approx(lag_s, rel=0.02)
-    assert figures["dead_time_s"].low - 5e-4 <= dead_s <= figures["dead_time_s"].high + 5e-4
+    lag, dead, total = (figures[name] for name in ("lag_s", "dead_time_s", "delay_and_lag_s"))
+    assert lag.value == pytest.approx(lag_s, rel=0.02)
+    assert dead.low - 5e-4 <= dead_s <= dead.high + 5e-4
+    assert total.low <= lag_s + dead_s <= total.high + 5e-4
+    assert total.low >= lag.low + dead.low
+    assert total.high >= max(lag.high, dead.high)
     assert figures["dead_band_rad"].value == pytest.approx(play_rad, abs=2e-4)
 
 

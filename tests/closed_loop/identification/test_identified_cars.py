@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import lsim
 
 from steer_by_wire.closed_loop.identification.figures import (
+    DELAYS,
     Verdict,
     figure_values,
     figures_of,
@@ -125,6 +126,19 @@ def test_an_estimate_is_told_and_written_within_its_own_interval() -> None:
     assert all(it.low <= it.value <= it.high for it in figures)
     written = tomllib.loads(vehicle_toml(one._replace(x=x), figures, 16.7, "a test"))
     assert written["identified"]["delay_and_lag_s"] == 0.0
+
+
+@pytest.mark.parametrize("beyond", [-4.0, -1.0, 0.0, 1.0, 4.0])
+def test_the_parts_of_a_delay_are_within_the_whole(beyond: float) -> None:
+    """Noise may make the whole shorter than a part."""
+    one, x = found().found, found().found.x.copy()
+    shift_s = beyond * half_of(one, "delay_and_lag_s")
+    x[one.problem.place("delay_and_lag_s")] = one.values["lag_squared_s2"] ** 0.5 + shift_s
+    figures = {it.name: it for it in figures_of(one._replace(x=x), None)}
+    total, lag, dead = (figures[name] for name in DELAYS)
+    assert lag.low + dead.low <= total.low <= lag.high + dead.high
+    assert total.high >= max(lag.high, dead.high)
+    assert total.value >= lag.value
 
 
 def test_errors_of_the_right_model_are_white() -> None:

@@ -18,8 +18,6 @@ from steer_by_wire.runtime.array_types import FloatArray
 PERIOD_S = 0.01
 _STEP_RAD = 0.0017
 """Of the hand wheel's sensor."""
-TURNING_MS2 = 4.0
-"""Lateral acceleration of the sweep."""
 
 
 class DrawnDrive(NamedTuple):
@@ -65,7 +63,7 @@ def prescribed(car: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
     speed = np.interp(time_s, [0, 3, 32, 40, 70], [11.0, 16.7, 16.7, 22.2, 22.2])
     sweep_s = np.clip(time_s - 4.0, 0.0, 26.0)
     phase = 2.0 * np.pi * 0.2 * 26.0 / np.log(15.0) * (15.0 ** (sweep_s / 26.0) - 1.0)
-    a_y = TURNING_MS2 * np.where((time_s > 4.0) & (time_s < 30.0), np.sin(phase), 0.0)
+    a_y = 4.0 * np.where((time_s > 4.0) & (time_s < 30.0), np.sin(phase), 0.0)
     for start_s, end_s, level in ((41, 44, 3.0), (46, 49, -3.5), (51, 53, 2.0)):
         ramp = np.clip((time_s - start_s) / 0.2, 0, 1) - np.clip((time_s - end_s) / 0.2, 0, 1)
         a_y = a_y + level * ramp

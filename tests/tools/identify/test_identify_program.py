@@ -95,30 +95,24 @@ def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
 
 
 @pytest.mark.parametrize(
-    ("known", "what"), [("yaw_inertia_kg_m2 = 3000", "needs mass_kg"), ("mass = 1", "mass_kg")]
+    ("words", "what"),
+    [
+        ("new", "name a LOG"),
+        ("missing.csv", "missing.csv"),
+        ("missing.csv --controller nix", "nix"),
+        ("drive.csv --dialect early.toml", "leave it out"),
+        (f"{__file__} --out early.toml", "is a file"),
+        ("drive.csv --known early.toml", "needs mass_kg"),
+        ("drive.csv --known named.toml", "mass_kg"),
+        ("drive.csv --from 1000", "no sample between --from and --to"),
+        ("drive.csv --from 5 --to 2", "no sample between --from and --to"),
+    ],
 )
-def test_what_cannot_be_known_is_refused_in_one_line(log, tmp_path, capsys, known, what) -> None:
-    file = tmp_path / "known.toml"
-    file.write_text(known)
-    assert main([str(log), "--known", str(file)]) == 2
+def test_a_wrong_call_is_refused_in_one_line(log, monkeypatch, capsys, words, what) -> None:
+    monkeypatch.chdir(log.parent)
+    Path("early.toml").write_text("yaw_inertia_kg_m2 = 3000")
+    Path("named.toml").write_text("mass = 1")
+    assert main(words.split()) == 2
     error = capsys.readouterr().err
     assert what in error
     assert error.count("\n") == 1
-
-
-@pytest.mark.parametrize("words", [["--from", "1000"], ["--from", "5", "--to", "2"]])
-def test_times_that_leave_nothing_are_refused_as_such(log, capsys, words) -> None:
-    assert main([str(log), *words]) == 2
-    assert "no sample between --from and --to" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        *(["new"], ["missing.csv"], ["--controller", "nix", "missing.csv"]),
-        *([__file__, "--out", __file__], ["missing.csv", "--dialect", __file__]),
-    ],
-)
-def test_a_wrong_call_is_refused_in_one_line(capsys, words) -> None:
-    assert main(words) == 2
-    assert capsys.readouterr().err.count("\n") == 1
