@@ -22,7 +22,7 @@ from .parameters import Problem
 
 Ends = tuple[float, float]
 """Of an interval."""
-_DOUBLINGS = 3
+_TRIALS = 3
 _NEAR = 0.1
 """Relative error of the rise that ends a search; a tenth of it is left to the cost."""
 
@@ -48,22 +48,18 @@ def profile(found: Fit, name: str, progress: Progress = quiet) -> Ends:
 
     def end(sign: float) -> float:
         limit = parameter.high if sign > 0.0 else parameter.low
-        step = min(half, 0.5 * (parameter.high - parameter.low))
+        x = found.x[at] + sign * min(half, 0.5 * (parameter.high - parameter.low))
         near: Refit | None = None
-        for _ in range(_DOUBLINGS):
-            x = found.x[at] + sign * step
+        for _ in range(_TRIALS):
             is_limit = (x - limit) * sign >= 0.0
             x = limit if is_limit else x
             near = refit(found, {name: parameter.value(x)}, advance, tolerance, near)
             rise = near.cost - found.cost
-            if is_limit and rise < allowed:
-                return sign * inf
-            if abs(rise / allowed - 1.0) < _NEAR:
-                return float(x)
+            if (is_limit and rise < allowed) or abs(rise / allowed - 1.0) < _NEAR:
+                break
             # The cost is nearly a parabola: the next step is where it would have risen enough.
             ratio = float(np.sqrt(allowed / max(rise, 1e-3 * allowed)))
-            step = abs(x - found.x[at]) * min(ratio, 4.0)
-        x = found.x[at] + sign * step
+            x = found.x[at] + (x - found.x[at]) * min(ratio, 4.0)
         return sign * inf if (x - limit) * sign >= 0.0 else float(x)
 
     return end(-1.0), end(1.0)
@@ -189,7 +185,7 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
     ends |= zip(DELAYS, compatible(*map(ends.__getitem__, DELAYS)), strict=True)
     values = figure_values(found.values)
     values["lag_s"] = min(values["lag_s"], max(values["delay_and_lag_s"], 0.0))
-    return [_figure(found, one, values[one.name], *ends[one.name]) for one in quantities]
+    return [_figure(found, one, values[one.name], ends[one.name]) for one in quantities]
 
 
 def compatible(total: Ends, lag: Ends, dead: Ends) -> tuple[Ends, Ends, Ends]:
@@ -198,47 +194,55 @@ def compatible(total: Ends, lag: Ends, dead: Ends) -> tuple[Ends, Ends, Ends]:
     No effect comes before its cause, so neither part is below 0 or longer than the whole. A whole
     below 0 says that two clocks differ, and nothing of its parts.
     """
-    (total_low, total_high), (lag_low, lag_high) = total, np.maximum(lag, 0.0).tolist()
+    (whole_low, whole_high), (lag_low, lag_high) = total, np.maximum(lag, 0.0).tolist()
     dead_low, dead_high = np.maximum(dead, 0.0).tolist()
-    if total_high < 0.0:
-        return total, (lag_low, lag_high), (dead_low, dead_high)
-    if dead[1] < 0.0 or lag_low > total_high:
-        # By chance the fit's lag is beyond the whole, so it does not tell the parts.
-        lag_low, dead_high = 0.0, total_high
-    total_low = max(total_low, lag_low + dead_low)
-    lag_high = min(lag_high, total_high - dead_low)
-    dead_high = min(dead_high, total_high - lag_low)
-    return (total_low, total_high), (lag_low, lag_high), (dead_low, dead_high)
+    if whole_high >= 0.0:
+        if dead[1] < 0.0 or lag_low > whole_high:
+            # By chance the fit's lag is beyond the whole, so it does not tell the parts.
+            lag_low, dead_high = 0.0, whole_high
+        whole_low = max(whole_low, lag_low + dead_low)
+        lag_high = min(lag_high, whole_high - dead_low)
+        dead_high = min(dead_high, whole_high - lag_low)
+        lag_low = max(lag_low, whole_low - dead_high)
+        dead_low = max(dead_low, whole_low - lag_high)
+    return (whole_low, whole_high), (lag_low, lag_high), (dead_low, dead_high)
 
 
-def _figure(found: Fit, quantity: _Quantity, value: float, low: float, high: float) -> Figure:
-    value = min(max(value, low), high)
-    by_unit = _ENOUGH.get(quantity.unit, _SHARE * abs(value))
-    enough = _ENOUGH.get(quantity.name, by_unit)
+def _figure(found: Fit, quantity: _Quantity, value: float, ends: Ends) -> Figure:
+    name, unit, _ = quantity
+    by_unit = _ENOUGH.get(unit, _SHARE * abs(min(max(value, ends[0]), ends[1])))
+    enough = _ENOUGH.get(name, by_unit)
+    figure = figure_within(name, unit, value, ends, enough, _ADVICE.get(name, _SWEEP))
     # Of two factors turning shows the product alone.
-    pair = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
-    factors = pair if "wheelbase_m" in {one.name for one in found.problem.assumed} else {}
-    note, verdict, partner = "", Verdict.IDENTIFIED, factors.get(quantity.name, "")
-    if partner or not high - low <= 2.0 * enough:
-        partner = partner or _partner(found, quantity, enough)
-        verdict = Verdict.COMBINATION if partner else Verdict.NOT_IDENTIFIABLE
-        note = f"with {partner}" if partner else _ADVICE.get(quantity.name, _SWEEP)
-    return Figure(quantity.name, quantity.unit, value, float(low), float(high), verdict, note)
+    factors = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
+    is_factor = name in factors and "wheelbase_m" in {one.name for one in found.problem.assumed}
+    if figure.verdict is Verdict.IDENTIFIED and not is_factor:
+        return figure
+    partner = factors[name] if is_factor else _partner(found, quantity, enough)
+    if partner:
+        return figure._replace(verdict=Verdict.COMBINATION, note=f"with {partner}")
+    return figure
+
+
+def figure_within(
+    name: str, unit: str, value: float, ends: Ends, enough: float, advice: str
+) -> Figure:
+    """Return a figure, which is identified if its interval is no wider than ``enough`` twice."""
+    low, high = map(float, ends)
+    value, is_narrow = min(max(value, low), high), high - low <= 2.0 * enough + 1e-9
+    if is_narrow:
+        return Figure(name, unit, value, low, high, Verdict.IDENTIFIED)
+    return Figure(name, unit, value, low, high, Verdict.NOT_IDENTIFIABLE, advice)
 
 
 def _ends(found: Fit, quantity: _Quantity) -> Ends:
     """Return the interval by the covariance."""
     value, slope = figure_values(found.values)[quantity.name], _slope(found, quantity)
     half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
-    if quantity.name in ("lag_s", "dead_time_s"):
-        square_s2, its_half = found.values["lag_squared_s2"], half_of(found, "lag_squared_s2")
-        if square_s2 <= its_half:
-            # Any lag up to this one is possible, and at 0 the root has no slope.
-            longest_s = sqrt(square_s2 + its_half)
-            if quantity.name == "lag_s":
-                return 0.0, longest_s
-            total_s, spread_s = found.values["delay_and_lag_s"], half_of(found, "delay_and_lag_s")
-            return total_s - longest_s - spread_s, total_s + spread_s
+    if quantity.name == "lag_s":
+        # At 0 the root of what is sought has no slope.
+        square_s2, half_s2 = found.values["lag_squared_s2"], half_of(found, "lag_squared_s2")
+        return sqrt(max(square_s2 - half_s2, 0.0)), sqrt(square_s2 + half_s2)
     if quantity.unit not in _POSITIVE:
         return value - half, value + half
     grown = float(np.exp(min(half / value, 9.0)))

@@ -1,10 +1,10 @@
-"""Identification of a drive: fit, doubts about it, figures; and the prediction of another drive.
+"""Identification of a drive: fit, figures, doubts about it; and the prediction of another drive.
 
 A lateral acceleration that the fit of the yaw rates alone contradicts is left out: roll and the
 place of its sensor are in no model here. A model whose errors are large and coloured is refused.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,6 @@ from .fit import Fit, Progress, Stopped, fit, is_white, quiet, refit, samples_al
 from .parameters import FRICTION_MAX, Known, problem_of
 from .response import grid_of
 from .time_series import Drive, Quantity
-from .vehicle_file import IdentifiedVehicle, prediction_problem
 
 RESIDUAL_PERCENT_MAX = 15.0
 _WORSE = 1.01
@@ -43,25 +42,18 @@ class Identification(NamedTuple):
     """What a drive tells of a car."""
 
     drive: Drive
-    found: Fit
+    fit: Fit
     figures: Sequence[Figure]
-    residual_percent: float
-    doubts: Sequence[Doubt]
     notes: Sequence[str]
 
     @property
     def speed_m_s(self) -> float:
         """The mean speed."""
-        return float(np.mean(self.found.grid.speed_m_s))
+        return float(np.mean(self.fit.grid.speed_m_s))
 
 
-def identify(
-    drive: Drive, known: Known, progress: Progress = quiet, *, is_brief: bool = False
-) -> Identification:
-    """Return what a drive tells; raises SettingsError where no car of this model explains it.
-
-    ``is_brief``  without doubts
-    """
+def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identification:
+    """Return what a drive tells; raises SettingsError where no car of this model explains it."""
     notes, grid = list(drive.notes), grid_of(drive)
     _refuse_wrong_sign(drive)
     problem = problem_of(drive, known)
@@ -99,8 +91,7 @@ def identify(
             for one in figures_of(found_all, None)
             if one.name.startswith(Quantity.LATERAL_ACCELERATION) and one.name.endswith("delay_s")
         ]
-    doubts = [] if is_brief else _doubts(found, progress)
-    return Identification(drive, found, figures, found.residual_percent, doubts, notes)
+    return Identification(drive, found, figures, notes)
 
 
 def _contradicts(found: Fit, alone: Fit) -> bool:
@@ -127,8 +118,8 @@ def _of_rates(drive: Drive) -> Drive:
     return drive._replace(outputs=rates)
 
 
-def _doubts(found: Fit, progress: Progress) -> list[Doubt]:
-    """Return the tests: simpler models, whiteness, and correlation with the input."""
+def doubts_about(found: Fit, progress: Progress = quiet) -> list[Doubt]:
+    """Return the tests of a fit: simpler models, whiteness, and correlation with the input."""
     doubts, sought = [], [one.name for one in found.problem.parameters]
     widened = np.diagonal(found.covariance) / np.diagonal(found.plain)
     allowed = found.critical**2 * max(1.0, float(np.median(widened[: len(sought)])))
@@ -174,8 +165,9 @@ def _refuse_wrong_sign(drive: Drive) -> None:
     steer, speed = drive.at_yaw_rates()
     if np.corrcoef(speed * (steer - steer.mean()), drive.outputs[0].values)[0, 1] < -0.2:
         raise SettingsError(
-            "the yaw rate goes against the wheel: both are positive to the left; give one of them"
-            " factor = -1 in --columns"
+            "the yaw rate goes against the wheel: one of them has a wrong sign, as both are"
+            " positive to the left (factor = -1 in --columns), or the car spins: leave that out by"
+            " --from and --to"
         )
 
 
@@ -215,17 +207,21 @@ def _refuse_misfit(found: Fit) -> None:
     )
 
 
-def predict(drive: Drive, vehicle: IdentifiedVehicle) -> tuple[float, list[str]]:
+def predict(drive: Drive, vehicle: Mapping[str, float], known: Known) -> tuple[float, list[str]]:
     """Return the residual of the yaw rate [%] that a vehicle predicts for a drive, and notes.
 
     Only offsets of the sensors are sought. The delay of the log is corrected where it clearly
     differs from that of the vehicle's own log.
     """
     notes, drive = list(drive.notes), _of_rates(drive)
-    grid, problem = grid_of(drive), problem_of(drive, vehicle.known)
-    found = fit(prediction_problem(problem, vehicle), grid)
-    shifted = fit(prediction_problem(problem, vehicle, "delay_and_lag_s"), grid)
-    shift_s = shifted.values["delay_and_lag_s"] - vehicle.values["delay_and_lag_s"]
+    grid, problem = grid_of(drive), problem_of(drive, known)._replace(assumed=(), held={})
+
+    def predicted(*sought: str) -> Fit:
+        of_log = {"steering_offset_rad", "yaw_rate_offset_rad_s", *sought}
+        return fit(problem.holding({k: v for k, v in vehicle.items() if k not in of_log}), grid)
+
+    found, shifted = predicted(), predicted("delay_and_lag_s")
+    shift_s = shifted.values["delay_and_lag_s"] - vehicle["delay_and_lag_s"]
     if abs(shift_s) > _SHIFT_S and rms(shifted.errors[0]) < _BETTER * rms(found.errors[0]):
         notes.append(
             f"{drive.outputs[0].name} comes {1e3 * abs(shift_s):.0f} ms"

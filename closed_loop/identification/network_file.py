@@ -30,12 +30,15 @@ class Way(NamedTuple):
     correlation_s: float = 0.0
 
 
-def network_toml(figures: Mapping[str, Any], latencies: Latencies) -> str | None:
-    """Return `[latency]` of a log's network; None where no command is seen to act."""
+def network_files(figures: Mapping[str, Any], latencies: Latencies) -> dict[str, str]:
+    """Return the network's files: `[latency]` of network.toml, and traces; none without commands.
+
+    A trace is what the plant takes as ``trace_file``.
+    """
     latency = figures["latency"]
     period_s = latency["sensor_period_s"]
     if latency["commands_seen_to_act"] < _COMMANDS_MIN or period_s is None:
-        return None
+        return {}
     seen, up = latency["downlink"], latency["uplink"]
     command_s = figures["messages"]["STEERING_COMMAND"]["cycle"]["mean_s"] or period_s
     down, _ = _way(seen, latencies.history["downlink"], command_s, period_s)
@@ -67,13 +70,12 @@ def network_toml(figures: Mapping[str, Any], latencies: Latencies) -> str | None
             lines.append(f"correlation_time_s = {way.correlation_s:.4g}")
         if name == "uplink" and lost > 1e-3:
             lines.append(f"loss = {lost:.6g}")
-    return "\n".join(lines) + "\n"
-
-
-def trace_csv(history: History) -> str:
-    """Return the latencies of one way as the plant's ``trace_file``."""
-    rows = zip(*history.points(), strict=True)
-    return "time_s,latency_s\n" + "".join(f"{at:.6f},{value:.6f}\n" for at, value in rows)
+    files = {"network.toml": "\n".join(lines) + "\n"}
+    for name in ways:
+        if (history := latencies.history[name]).is_whole:
+            rows = "".join(map("{:.6f},{:.6f}\n".format, *history.points()))
+            files[f"{name}.csv"] = f"time_s,latency_s\n{rows}"
+    return files
 
 
 def _ms(report: Mapping[str, Any]) -> str:

@@ -73,7 +73,6 @@ class Parameter(NamedTuple):
     """
 
     name: str
-    unit: str
     low: float
     high: float
     start: float
@@ -87,11 +86,9 @@ class Parameter(NamedTuple):
         return float(np.exp(x)) if self.is_log else float(x)
 
 
-def _log(
-    name: str, unit: str, low: float, high: float, start: float, deviation: float = np.inf
-) -> Parameter:
+def _log(name: str, low: float, high: float, start: float, deviation: float = np.inf) -> Parameter:
     low, high, start = np.log((low, high, start)).tolist()
-    return Parameter(name, unit, low, high, start, 0.1, is_log=True, deviation=deviation)
+    return Parameter(name, low, high, start, 0.1, is_log=True, deviation=deviation)
 
 
 class Problem(NamedTuple):
@@ -142,51 +139,51 @@ def problem_of(drive: Drive, known: Known) -> Problem:
     wheelbase_m = known.wheelbase_m or _WHEELBASE_M
     share = (known.front_axle_distance_m or _FRONT_SHARE * wheelbase_m) / wheelbase_m
     sees_wheel = drive.steering.quantity is Quantity.WHEEL
-    ratio = known.steering_ratio or _ratio_from_turning(drive, wheelbase_m)
-    inertia = 1.0
+    inertia = None
     if known.yaw_inertia_kg_m2 and known.mass_kg:
         arms_m2 = share * (1.0 - share) * wheelbase_m**2
         inertia = known.yaw_inertia_kg_m2 / known.mass_kg / arms_m2
+    told = {
+        "front_share": share,
+        "wheelbase_m": known.wheelbase_m,
+        "inertia": inertia,
+        "friction": known.friction,
+        "steering_ratio": 1.0 if sees_wheel else known.steering_ratio,
+    }
+    held = {name: value for name, value in told.items() if value is not None}
 
     def unsure_s(other: Channel) -> float:
         return float(np.hypot(drive.outputs[0].unsure_s, other.unsure_s))
 
     parameters = [
-        _log("wheelbase_m", "m", 0.1, 15.0, wheelbase_m),
-        _log("front_c", "1/rad", 1.0, 150.0, 15.0),
-        _log("rear_c", "1/rad", 1.0, 150.0, 20.0),
-        _log("inertia", "1", 0.2, 4.0, inertia),
-        _log("friction", "1", 0.05, FRICTION_MAX, 1.0),
-        _log("relaxation_m", "m", 0.005, 4.0, 0.4),
-        Parameter("delay_and_lag_s", "s", -0.15, 0.9, 0.03, 0.02, unsure=unsure_s(drive.steering)),
-        Parameter("lag_squared_s2", "s2", 0.0, 0.36, 4e-4, 4e-4),
-        _log("steering_ratio", "1", 0.2, 80.0, ratio),
-        Parameter("steering_offset_rad", "rad", -1.0, 1.0, 0.0, 0.005),
-        Parameter(
-            "yaw_rate_offset_rad_s", "rad/s", -0.2, 0.2, 0.0, 0.002, deviation=0.01
-        ),
+        _log("wheelbase_m", 0.1, 15.0, wheelbase_m),
+        _log("front_c", 1.0, 150.0, 15.0),
+        _log("rear_c", 1.0, 150.0, 20.0),
+        _log("inertia", 0.2, 4.0, inertia or 1.0),
+        _log("friction", 0.05, FRICTION_MAX, 1.0),
+        _log("relaxation_m", 0.005, 4.0, 0.4),
+        Parameter("delay_and_lag_s", -0.15, 0.9, 0.03, 0.02, unsure=unsure_s(drive.steering)),
+        Parameter("lag_squared_s2", 0.0, 0.36, 4e-4, 4e-4),
+        _log("steering_ratio", 0.2, 80.0, _ratio_from_turning(drive, wheelbase_m)),
+        Parameter("steering_offset_rad", -1.0, 1.0, 0.0, 0.005),
+        Parameter("yaw_rate_offset_rad_s", -0.2, 0.2, 0.0, 0.002, deviation=0.01),
     ]  # fmt: skip
     for sensor in drive.outputs[1:]:
         of_rate = sensor.quantity is Quantity.YAW_RATE
         offset, gain = (0.01, 0.02) if of_rate else (0.3, 0.06)
         parameters += [
-            Parameter(f"{sensor.name}:offset", "", -3.0, 3.0, 0.0, 0.1 * offset, deviation=offset),
-            Parameter(f"{sensor.name}:gain", "1", 0.5, 1.5, 1.0, 0.02, deviation=gain),
-            Parameter(f"{sensor.name}:delay_s", "s", -0.3, 0.3, 0.0, 0.01, unsure=unsure_s(sensor)),
+            Parameter(f"{sensor.name}:offset", -3.0, 3.0, 0.0, 0.1 * offset, deviation=offset),
+            Parameter(f"{sensor.name}:gain", 0.5, 1.5, 1.0, 0.02, deviation=gain),
+            Parameter(f"{sensor.name}:delay_s", -0.3, 0.3, 0.0, 0.01, unsure=unsure_s(sensor)),
         ]
-    assumed, held = [], {"front_share": share}
+    assumed = []
     if known.front_axle_distance_m is None:
         spread = _FRONT_SHARE_SPREAD
-        assumed.append(Parameter("front_share", "1", 0.2, 0.8, share, 0.02, deviation=spread))
-    if sees_wheel or known.steering_ratio is not None:
-        held["steering_ratio"] = 1.0 if sees_wheel else ratio
-    elif known.wheelbase_m is None:
+        assumed.append(Parameter("front_share", 0.2, 0.8, share, 0.02, deviation=spread))
+    if not held.keys() & {"steering_ratio", "wheelbase_m"}:
         # Turning shows their product alone.
-        assumed.append(_log("wheelbase_m", "m", 0.1, 15.0, wheelbase_m, _WHEELBASE_SPREAD))
+        assumed.append(_log("wheelbase_m", 0.1, 15.0, wheelbase_m, _WHEELBASE_SPREAD))
         held["wheelbase_m"] = wheelbase_m
-    told = {key: getattr(known, key) for key in ("wheelbase_m", "friction")}
-    told["inertia"] = inertia if known.yaw_inertia_kg_m2 else None
-    held |= {key: value for key, value in told.items() if value is not None}
     sensors = tuple(one.name for one in drive.outputs)
     return Problem(tuple(parameters), tuple(assumed), {}, known, sensors).holding(held)
 

@@ -17,7 +17,7 @@ from scipy.optimize import approx_fprime, least_squares
 
 from ...runtime.array_types import FloatArray
 from ..compiled.compilation import compiled
-from .figures import Ends, Figure, Verdict, compatible
+from .figures import Ends, Figure, Verdict, compatible, figure_within
 from .time_series import Channel, Quantity
 
 _SAMPLES_MIN = 200
@@ -137,12 +137,8 @@ def identify_steering(
 
 
 def _figure(name: str, value: float, ends: Ends, enough: float) -> Figure:
-    low, high = ends
-    value = min(max(value, low), high)
-    sure = high - low <= 2.0 * enough + 1e-9
-    verdict = Verdict.IDENTIFIED if sure else Verdict.NOT_IDENTIFIABLE
-    note, unit = "" if sure else "command steps of the wheel", name.rpartition("_")[2]
-    return Figure(f"actuator:{name}", unit, value, low, high, verdict, note)
+    unit, advice = name.rpartition("_")[2], "command steps of the wheel"
+    return figure_within(f"actuator:{name}", unit, value, ends, enough, advice)
 
 
 @compiled

@@ -6,7 +6,7 @@ needs. The comments have each figure's interval.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from pydantic import Field
 
@@ -17,7 +17,7 @@ from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.settings import Settings, SharedTable, load_settings, read_table
 from .figures import Figure, Verdict
 from .fit import Fit
-from .parameters import MASS_KG, Known, Problem, car_tables
+from .parameters import MASS_KG, Known, car_tables
 
 S = TypeVar("S", bound=Settings)
 _BOX = {
@@ -39,13 +39,6 @@ class IdentifiedSettings(Settings):
     lag_squared_s2: float = Field(ge=0.0)
     yaw_rate_offset_rad_s: float
     lateral_acceleration_ahead_m: float = 0.0
-
-
-class IdentifiedVehicle(NamedTuple):
-    """A vehicle file, as parameters of a response."""
-
-    values: Mapping[str, float]
-    known: Known
 
 
 def vehicle_toml(found: Fit, figures: Sequence[Figure], speed_m_s: float, source: str) -> str:
@@ -102,8 +95,8 @@ def shown(figure: Figure) -> tuple[str, str]:
     return f"{figure.value:.4g}", f"{figure.low:.4g} to {figure.high:.4g}"
 
 
-def read_vehicle(file: Path) -> IdentifiedVehicle:
-    """Return the vehicle of a file that ``vehicle_toml`` made; raises SettingsError."""
+def read_vehicle(file: Path) -> tuple[dict[str, float], Known]:
+    """Return parameters, and what is known, of a file of ``vehicle_toml``; raises SettingsError."""
     vehicle = _table(file, "vehicle", VehicleSettings)
     car, own = _table(file, "car", CarSettings), _table(file, "identified", IdentifiedSettings)
     front_m, rear_m = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
@@ -125,16 +118,8 @@ def read_vehicle(file: Path) -> IdentifiedVehicle:
         tyre=car.tyre,
         lateral_acceleration_ahead_m=own.lateral_acceleration_ahead_m,
     )
-    return IdentifiedVehicle(values, known)
+    return values, known
 
 
 def _table(file: Path, name: str, model: type[S]) -> S:
     return load_settings(model, shared=SharedTable(str(file), read_table(file, name)))
-
-
-def prediction_problem(problem: Problem, vehicle: IdentifiedVehicle, *sought: str) -> Problem:
-    """Return the problem of a new log of a vehicle: its sensors are sought, and ``sought``."""
-    of_log = {"steering_offset_rad", "yaw_rate_offset_rad_s", *sought}
-    held = {key: value for key, value in vehicle.values.items() if key not in of_log}
-    free = tuple(one for one in problem.parameters if one.name in of_log or one.name.split(":")[1:])
-    return Problem(free, (), held, vehicle.known, problem.sensors)

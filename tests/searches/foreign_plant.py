@@ -60,9 +60,9 @@ def driven(
 
 def identified_car(found: Identification) -> Driven:
     """Return how an identified car is driven by its front wheels, which follow at once."""
-    known = found.found.problem.known
+    known = found.fit.problem.known
     zero = "delay_and_lag_s", "lag_squared_s2", "steering_offset_rad", "yaw_rate_offset_rad_s"
-    values = found.found.values | dict.fromkeys(zero, 0.0) | {"steering_ratio": 1.0}
+    values = found.fit.values | dict.fromkeys(zero, 0.0) | {"steering_ratio": 1.0}
 
     def drive(wheel_rad: FloatArray, speed_m_s: float) -> tuple[FloatArray, FloatArray]:
         time_s, still = STEP_S * np.arange(len(wheel_rad)), np.zeros_like(wheel_rad)
@@ -131,14 +131,14 @@ def main() -> None:
         sweeps = [sweep(parameters, number, which) for which in range(len(SWEEPS))]
         for count in (1, 2):
             drive = make_drive(joined(sweeps[:count]), f"car {number}")
-            found = identify(drive, known, is_brief=True)
+            found = identify(drive, known)
             named = {one.name: one for one in found.figures}
             gradient, total = named["understeer_gradient_rad_s2_m"], named["delay_and_lag_s"]
             sys.stdout.write(
                 f"  {count} sweeps: understeer {1e3 * gradient.value:.3f}"
                 f" [{1e3 * gradient.low:.3f}, {1e3 * gradient.high:.3f}]; delay and lag"
                 f" {1e3 * total.value:.1f} [{1e3 * total.low:.1f}, {1e3 * total.high:.1f}],"
-                f" {total.verdict}; residual {found.residual_percent:.2f} %\n"
+                f" {total.verdict}; residual {found.fit.residual_percent:.2f} %\n"
             )
             drive_found = identified_car(found)
             for side, its in zip(SIDES_M_S2, true, strict=True):

@@ -39,11 +39,11 @@ def one_car(seed: int) -> dict[str, Any]:
     drawn = log_of(car, *drive, rng, delays_s=delays_s, knows=knows, network=network)
     row: dict[str, Any] = {"seed": seed, "prescribed": is_prescribed, "knows": knows}
     try:
-        found = identify(make_drive(drawn.channels, f"car {seed}"), drawn.known, is_brief=True)
+        found = identify(make_drive(drawn.channels, f"car {seed}"), drawn.known)
     except SettingsError as error:
         return row | {"refused": str(error)}
     truth = figure_values(drawn.truth)
-    fisher = found.found._replace(covariance=found.found.plain, critical=1.96)
+    fisher = found.fit._replace(covariance=found.fit.plain, critical=1.96)
     bounds = figures_of(fisher, None)
     row["figures"] = {
         one.name: {

@@ -54,10 +54,10 @@ def one_car(seed: int, spec: Specification, minutes: float) -> list[tuple[float,
     truth = drawn_car(rng)
     minute = (one[:60_000] for one in prescribed(truth))
     drawn = log_of(truth, *minute, rng, knows=seed % 2 == 0, network=(0.002, 0.01))
-    found = identify(make_drive(drawn.channels, f"car {seed}"), drawn.known, is_brief=True)
+    found = identify(make_drive(drawn.channels, f"car {seed}"), drawn.known)
     with TemporaryDirectory() as folder:
         file = Path(folder) / "vehicle.toml"
-        file.write_text(vehicle_toml(found.found, found.figures, found.speed_m_s, f"car {seed}"))
+        file.write_text(vehicle_toml(found.fit, found.figures, found.speed_m_s, f"car {seed}"))
         identified = load_vehicle(Path(folder))
     road = required(spec.road)
     identified = on_road(road, identified)

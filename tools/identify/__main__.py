@@ -12,11 +12,12 @@ echoes, too.
 import argparse
 import signal
 import sys
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
+
+from rich.progress import Progress
 
 from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
 from steer_by_wire.closed_loop.identification.columns import (
@@ -28,11 +29,17 @@ from steer_by_wire.closed_loop.identification.columns import (
 from steer_by_wire.closed_loop.identification.delay_margin import DelayMargin, delay_margin
 from steer_by_wire.closed_loop.identification.figures import Verdict
 from steer_by_wire.closed_loop.identification.fit import Stopped
-from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
-from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
+from steer_by_wire.closed_loop.identification.identified import (
+    Doubt,
+    Identification,
+    doubts_about,
+    identify,
+    predict,
+)
+from steer_by_wire.closed_loop.identification.network_file import network_files
 from steer_by_wire.closed_loop.identification.parameters import Known
 from steer_by_wire.closed_loop.identification.steering import Steering, steering_of
-from steer_by_wire.closed_loop.identification.time_series import Channel, make_drive
+from steer_by_wire.closed_loop.identification.time_series import Channel, Drive, make_drive
 from steer_by_wire.closed_loop.identification.vehicle_file import (
     figure_line,
     read_vehicle,
@@ -40,7 +47,7 @@ from steer_by_wire.closed_loop.identification.vehicle_file import (
     vehicle_toml,
 )
 from steer_by_wire.closed_loop.recordings.logged import LogError
-from steer_by_wire.closed_loop.reports.terminal import plain_console
+from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
 from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
 from steer_by_wire.plant_emulator.vehicle.settings import LAG_S_MIN
@@ -55,7 +62,7 @@ from steer_by_wire.runtime.command_line import (
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
-from steer_by_wire.runtime.program.report import write_json
+from steer_by_wire.runtime.program.report import json_text
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 
 NAME = "steer-by-wire identify"
@@ -97,7 +104,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    show = plain_console().print
     if options.controller is not None:
         read_preset(PRESETS, options.controller)  # refused before the fit
     if options.logs[0] == Path("new"):
@@ -106,46 +112,66 @@ def _run(options: argparse.Namespace) -> int:
         print("".join(map(proposed_mapping, options.logs[1:])), end="")
         return ExitStatus.OK
     refuse_another_run(options.out, {})
-    progress, source = _Progress(), ", ".join(log.name for log in options.logs)
-    try:
-        channels, bus = _read(options, progress)
-        between = (options.start_s or -inf, options.end_s or inf)
-        chosen = [one.within([between], 0.0) for one in channels]
-        if not any(len(one.time_s) for one in chosen):
-            raise SettingsError(f"{source}: has no sample between --from and --to")
-        drive, steering = make_drive(chosen, source), steering_of(chosen)
-    except KeyboardInterrupt:
-        say(NAME, "interrupted while the logs were read: no file is written", sys.stderr)
-        return ExitStatus.INTERRUPTED
-    if options.predict is not None:
-        percent, notes = predict(drive, read_vehicle(options.predict))
-        show(
-            "".join(f"note: {note}\n" for note in notes) + f"residual of yaw rate: {percent:.2f} %"
-        )
-        return ExitStatus.OK
+    with counting_bars(plain_console(is_error=True)) as bars:
+        progress = _Progress(bars)
+        try:
+            channels, bus = _read(options, progress)
+            source = ", ".join(log.name for log in options.logs)
+            between = (options.start_s or -inf, options.end_s or inf)
+            chosen = [one.within([between], 0.0) for one in channels]
+            if not any(len(one.time_s) for one in chosen):
+                raise SettingsError(f"{source}: has no sample between --from and --to")
+            drive, steering = make_drive(chosen, source), steering_of(chosen)
+        except KeyboardInterrupt:
+            say(NAME, "interrupted while the logs were read: no file is written", sys.stderr)
+            return ExitStatus.INTERRUPTED
+        if options.predict is None:
+            lines = _identified(options, drive, source, bus, steering, progress)
+        else:
+            percent, notes = predict(drive, *read_vehicle(options.predict))
+            lines = [*map("note: {}".format, notes), f"residual of yaw rate: {percent:.2f} %"]
+    plain_console().print("\n".join(lines))
+    return ExitStatus.INTERRUPTED if progress.stopped_in else ExitStatus.OK
+
+
+def _identified(
+    options: argparse.Namespace,
+    drive: Drive,
+    source: str,
+    bus: BusLog | None,
+    steering: Steering | None,
+    progress: "_Progress",
+) -> list[str]:
+    """Identify a drive and write the files; returns what is printed."""
     known = Known() if options.known is None else load_settings(Known, file=options.known)
     progress.keep_the_best()
     found = identify(drive, known, progress.advance)
-    margin = delay_margin(found.found, found.speed_m_s, options.controller, progress.advance)
-    notes = [*found.notes, *(steering.notes if steering else ())]
+    doubts = doubts_about(found.fit, progress.advance)
+    margin = delay_margin(found.fit, found.speed_m_s, options.controller, progress.advance)
+    notes, figures = list(found.notes), list(found.figures)
+    if steering is not None:
+        notes, figures = notes + steering.notes, figures + steering.figures
     if progress.stopped_in:
         doubt = "intervals may be wrong"
         if progress.stopped_in == "delays":
             doubt = "tolerated delays were not computed"
         stopped = f"interrupted in {progress.stopped_in}: the best so far; {doubt}"
         notes, source = [*notes, stopped], f"{source} ({stopped})"
-    texts = _tables(found, source, bus, steering)
-    figures = [*found.figures, *(steering.figures if steering else ())]
+    files = _tables(found, source, bus, steering)
     found = found._replace(figures=figures, notes=notes)
     advice = _advice(margin, found)
-    _write(options.out, texts, found, advice)
-    lines = [f"note: {note}" for note in found.notes]
-    lines += [figure_line(figure) for figure in found.figures]
-    lines += [f"{doubt.what}: {doubt.result}" for doubt in found.doubts]
-    lines += [f"residual of yaw rate: {found.residual_percent:.2f} %", *advice]
-    names = ", ".join([*texts, "report.json", "report.html"])
-    show("\n".join([*lines, f"files in {options.out}: {names}"]))
-    return ExitStatus.INTERRUPTED if progress.stopped_in else ExitStatus.OK
+    files |= _reports(found, doubts, advice)
+    options.out.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        write_text(options.out / name, text)
+    return [
+        *map("note: {}".format, notes),
+        *map(figure_line, figures),
+        *(f"{doubt.what}: {doubt.result}" for doubt in doubts),
+        f"residual of yaw rate: {found.fit.residual_percent:.2f} %",
+        *advice,
+        f"files in {options.out}: {', '.join(files)}",
+    ]
 
 
 def _read(
@@ -191,10 +217,11 @@ def _advice(margin: DelayMargin | None, found: Identification) -> list[str]:
 
 
 class _Progress:
-    """Shows a line on a terminal, how far and the time left at most; Ctrl-C stops what is timed."""
+    """Shows how far it is and how long the rest takes; Ctrl-C stops what is timed."""
 
-    def __init__(self) -> None:
-        self.stopped_in, self._what, self._begun_s, self._is_stopping = "", "", 0.0, False
+    def __init__(self, bars: Progress) -> None:
+        self._bars, self._task = bars, bars.add_task("")
+        self.stopped_in, self._what, self._is_stopping = "", "", False
 
     def keep_the_best(self) -> None:
         """Take Ctrl-C for the end of what goes on, and not of the program."""
@@ -209,13 +236,10 @@ class _Progress:
         if self._is_stopping:
             self.stopped_in = self.stopped_in or what
             raise Stopped
-        if not sys.stderr.isatty():
-            return
         if what != self._what:
-            self._what, self._begun_s = what, time.monotonic()
-        left_s = (time.monotonic() - self._begun_s) / done * (of - done)
-        left = f"{what}: {done} of at most {of}, at most {left_s:.0f} s left"
-        print(f"\r{left:70}; Ctrl-C keeps the best", end="", file=sys.stderr, flush=True)
+            self._what = what
+            self._bars.reset(self._task, description=f"{what} (Ctrl-C keeps the best)")
+        self._bars.update(self._task, completed=done, total=of)
 
 
 def _tables(
@@ -234,43 +258,36 @@ def _tables(
         lines += [f"# {figure_line(one)}" for one in steering.figures]
         table = steering.table
     files = {
-        "vehicle.toml": vehicle_toml(found.found, found.figures, found.speed_m_s, source),
+        "vehicle.toml": vehicle_toml(found.fit, found.figures, found.speed_m_s, source),
         "actuator.toml": "\n".join([*lines, *table_lines("actuator", table), ""]),
     }
-    network = None if bus is None else network_toml(bus.figures, bus.latencies)
-    if bus is not None and network is not None:
-        files["network.toml"] = network
-        traces = {way: bus.latencies.history[way] for way in ("downlink", "uplink")}
-        files |= {f"{way}.csv": trace_csv(one) for way, one in traces.items() if one.is_whole}
-    return files
+    return files | ({} if bus is None else network_files(bus.figures, bus.latencies))
 
 
-def _write(
-    out: Path, texts: Mapping[str, str], found: Identification, advice: Sequence[str]
-) -> None:  # fmt: skip
+def _reports(
+    found: Identification, doubts: Sequence[Doubt], advice: Sequence[str]
+) -> dict[str, str]:
+    """Return the text of the files for programs and for readers, by name."""
     from steer_by_wire.tools.identify.report import report_html  # loads matplotlib
 
     record = {
         "figures": {
             one.name: {
                 "value": one.value,
-                "interval": [end if isfinite(end) else None for end in (one.low, one.high)],
+                "interval": [one.low, one.high],
                 "unit": one.unit,
                 "verdict": str(one.verdict),
                 "note": one.note,
             }
             for one in found.figures
         },
-        "residual_percent": found.residual_percent,
-        "tests": [doubt._asdict() for doubt in found.doubts],
+        "residual_percent": found.fit.residual_percent,
+        "tests": [doubt._asdict() for doubt in doubts],
         "notes": list(found.notes),
         "delays": list(advice),
     }
-    out.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        write_text(out / name, text)
-    write_json(out / "report.json", record)
-    write_text(out / "report.html", report_html(found, advice))
+    html = report_html(found, doubts, advice)
+    return {"report.json": json_text(record), "report.html": html}
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure as Canvas
 from scipy.signal import coherence, csd
 
 from steer_by_wire.closed_loop.identification.figures import Verdict
-from steer_by_wire.closed_loop.identification.identified import Identification
+from steer_by_wire.closed_loop.identification.identified import Doubt, Identification
 from steer_by_wire.closed_loop.identification.response import STEP_S, Response, respond, seen
 from steer_by_wire.closed_loop.identification.time_series import Quantity
 from steer_by_wire.closed_loop.identification.vehicle_file import shown
@@ -21,16 +21,16 @@ _UNIT_OF_NAME = re.compile("_(rad_s|deg_s|m_s2|g)$")
 _PERIOD_S, _WINDOW_S, _HZ_MAX, _COHERENT = 0.01, 8.0, 4.0, 0.8
 
 
-def report_html(found: Identification, lines: Sequence[str]) -> str:
+def report_html(found: Identification, doubts: Sequence[Doubt], lines: Sequence[str]) -> str:
     """Return the page; ``lines`` are what is said of delays and of what to measure next."""
-    tests = [[Cell(doubt.what), Cell(doubt.result)] for doubt in found.doubts]
+    tests = [[Cell(doubt.what), Cell(doubt.result)] for doubt in doubts]
     rows = [
         [Cell(one.name), *map(number, shown(one)), Cell(one.unit),
          Cell(str(one.verdict), _MARKS[one.verdict]), Cell(one.note)]
         for one in found.figures
     ]  # fmt: skip
     headings = ["", "value", "95 %", "unit", "verdict", ""]
-    response = respond(found.found.grid, found.found.values, found.found.problem.known)
+    response = respond(found.fit.grid, found.fit.values, found.fit.problem.known)
     frequency = "Yaw rate over steering; grey where less than 80 % of it follows the steering."
     plan = (
         "A sweep at 60 km/h from 0.2 to 3 Hz in 26 s with 4 m/s² to either side, steps at 80 km/h,"
@@ -44,7 +44,7 @@ def report_html(found: Identification, lines: Sequence[str]) -> str:
         Section("Delays", lines),
         Section(
             "Measured over simulated",
-            [f"Residual of yaw rate: {found.residual_percent:.2f} %"],
+            [f"Residual of yaw rate: {found.fit.residual_percent:.2f} %"],
             [_response_picture(found, response)], [Table(["test", "result"], tests)], found.notes,
         ),
         Section("Frequency response", [frequency], [_frequency_picture(found, response)]),
@@ -54,7 +54,7 @@ def report_html(found: Identification, lines: Sequence[str]) -> str:
 
 
 def _response_picture(found: Identification, response: Response) -> Picture:
-    values, judged = found.found.values, found.found.grid.judged
+    values, judged = found.fit.values, found.fit.grid.judged
     with plot_style():
         canvas = Canvas(figsize=(9.0, 2.6 * len(judged)))
         panels = canvas.subplots(len(judged), 1, sharex=True, squeeze=False)[:, 0]
@@ -69,7 +69,7 @@ def _response_picture(found: Identification, response: Response) -> Picture:
 
 
 def _frequency_picture(found: Identification, response: Response) -> Picture:
-    grid, rate, every = found.found.grid, found.drive.outputs[0], round(_PERIOD_S / STEP_S)
+    grid, rate, every = found.fit.grid, found.drive.outputs[0], round(_PERIOD_S / STEP_S)
     longest = int(np.argmax(np.diff(grid.starts)))
     part = slice(grid.starts[longest], grid.starts[longest + 1], every)
     steering, simulated = grid.steering_rad[part], response.yaw_rate_rad_s[part]

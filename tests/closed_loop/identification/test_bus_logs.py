@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
-from steer_by_wire.closed_loop.identification.network_file import network_toml, trace_csv
+from steer_by_wire.closed_loop.identification.network_file import network_files
 from steer_by_wire.closed_loop.identification.steering import identify_steering, steering_of
 from steer_by_wire.closed_loop.identification.time_series import (
     PAUSE_S,
@@ -118,22 +118,18 @@ def test_a_wheel_that_is_where_it_is_told_to_be_has_next_to_no_lag() -> None:
 
 
 def test_a_network_is_told_as_it_was_sent(bus, tmp_path) -> None:
-    file, text = tmp_path / "network.toml", network_toml(bus.figures, bus.latencies)
-    file.write_text(text)
-    latency = load_settings(PlantSettings, file=file).latency
+    for name, text in network_files(bus.figures, bus.latencies).items():
+        (tmp_path / name).write_text(text)
+    network, trace = tmp_path / "network.toml", tmp_path / "uplink.csv"
+    latency = load_settings(PlantSettings, file=network).latency
     assert latency.downlink.mean_s == pytest.approx(0.085, abs=0.004)
     assert latency.downlink.spread_s == pytest.approx(0.02, rel=0.15)
     assert latency.uplink.mean_s == pytest.approx(0.03, abs=0.002)
     assert latency.uplink.spread_s == pytest.approx(0.01, rel=0.15)
     assert latency.uplink.loss == pytest.approx(0.02, abs=0.01)
-    assert "overtaken" in text
-
-
-def test_a_trace_of_a_log_is_one_that_the_plant_reads(bus, tmp_path) -> None:
-    file = tmp_path / "uplink.csv"
-    file.write_text(trace_csv(bus.latencies.history["uplink"]))
-    override = f"latency.uplink.trace_file={file}"
-    assert load_settings(PlantSettings, overrides=[override]).latency.uplink.trace_file == file
+    assert "overtaken" in network.read_text()
+    override = f"latency.uplink.trace_file={trace}"
+    assert load_settings(PlantSettings, overrides=[override]).latency.uplink.trace_file == trace
 
 
 def test_a_trace_has_every_latency_of_half_an_hour() -> None:
@@ -141,7 +137,7 @@ def test_a_trace_has_every_latency_of_half_an_hour() -> None:
     for number in range(POINTS_MAX + 1):
         uplink.add(0.01 * number, 0.03)
     assert uplink.is_whole
-    assert len(trace_csv(uplink).splitlines()) == POINTS_MAX + 2
+    assert [len(column) for column in uplink.points()] == 2 * [POINTS_MAX + 1]
 
 
 def test_the_steering_of_a_run_lies_within_a_period(bus) -> None:

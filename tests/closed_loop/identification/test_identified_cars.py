@@ -15,7 +15,12 @@ from steer_by_wire.closed_loop.identification.figures import (
     half_of,
 )
 from steer_by_wire.closed_loop.identification.fit import long_run_sums
-from steer_by_wire.closed_loop.identification.identified import Identification, identify, predict
+from steer_by_wire.closed_loop.identification.identified import (
+    Identification,
+    doubts_about,
+    identify,
+    predict,
+)
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
 from steer_by_wire.closed_loop.identification.vehicle_file import (
     figure_line,
@@ -92,7 +97,7 @@ def test_a_table_that_repeats_samples_delays_nothing() -> None:
         else one
         for one in drawn().channels
     ]
-    figures = identify(make_drive(held, "held"), drawn().known, is_brief=True).figures
+    figures = identify(make_drive(held, "held"), drawn().known).figures
     (total,) = [one for one in figures if one.name == "delay_and_lag_s"]
     assert total.low < drawn().truth["delay_and_lag_s"] < total.high
     assert total.high - total.low < 0.02
@@ -110,7 +115,7 @@ def test_no_dead_time_is_below_zero() -> None:
         one._replace(time_s=one.time_s - 0.3) if one.quantity is Quantity.YAW_RATE else one
         for one in drawn().channels[:3]
     ]
-    found = identify(make_drive(early, "early"), drawn().known, is_brief=True)
+    found = identify(make_drive(early, "early"), drawn().known)
     figures = {one.name: one for one in found.figures}
     assert figures["delay_and_lag_s"].high < 0.0
     assert "before the wheel's angle has an effect" in found.notes[-1]
@@ -120,7 +125,7 @@ def test_no_dead_time_is_below_zero() -> None:
 
 def test_an_estimate_is_told_and_written_within_its_own_interval() -> None:
     """Noise may make a delay of next to nothing negative."""
-    one, x = found().found, found().found.x.copy()
+    one, x = found().fit, found().fit.x.copy()
     x[one.problem.place("delay_and_lag_s")] = -0.1 * half_of(one, "delay_and_lag_s")
     figures = figures_of(one._replace(x=x), None)
     assert all(it.low <= it.value <= it.high for it in figures)
@@ -131,7 +136,7 @@ def test_an_estimate_is_told_and_written_within_its_own_interval() -> None:
 @pytest.mark.parametrize("beyond", [-4.0, -1.0, 0.0, 1.0, 4.0])
 def test_the_parts_of_a_delay_are_within_the_whole(beyond: float) -> None:
     """Noise may make the whole shorter than a part."""
-    one, x = found().found, found().found.x.copy()
+    one, x = found().fit, found().fit.x.copy()
     shift_s = beyond * half_of(one, "delay_and_lag_s")
     x[one.problem.place("delay_and_lag_s")] = one.values["lag_squared_s2"] ** 0.5 + shift_s
     figures = {it.name: it for it in figures_of(one._replace(x=x), None)}
@@ -142,7 +147,7 @@ def test_the_parts_of_a_delay_are_within_the_whole(beyond: float) -> None:
 
 
 def test_errors_of_the_right_model_are_white() -> None:
-    tests = {doubt.what: doubt.is_passed for doubt in found().doubts}
+    tests = {doubt.what: doubt.is_passed for doubt in doubts_about(found().fit)}
     assert tests["errors are white"]
     assert tests["errors and steering do not correlate"]
     assert "linear tyres: refused" in tests
@@ -150,13 +155,13 @@ def test_errors_of_the_right_model_are_white() -> None:
 
 def test_a_vehicle_file_predicts_its_own_log(tmp_path) -> None:
     file = tmp_path / "vehicle.toml"
-    file.write_text(vehicle_toml(found().found, found().figures, 16.7, "a test"))
+    file.write_text(vehicle_toml(found().fit, found().figures, 16.7, "a test"))
     drive = make_drive(drawn().channels, "drawn")
-    percent, _ = predict(drive, read_vehicle(file))
-    assert percent == pytest.approx(found().residual_percent, rel=0.01)
+    percent, _ = predict(drive, *read_vehicle(file))
+    assert percent == pytest.approx(found().fit.residual_percent, rel=0.01)
     (rate,) = [at for at, one in enumerate(drive.outputs) if one.quantity is Quantity.YAW_RATE]
     late = drive.outputs[rate]._replace(time_s=drive.outputs[rate].time_s + 0.04)
-    _, notes = predict(drive._replace(outputs=(late,)), read_vehicle(file))
+    _, notes = predict(drive._replace(outputs=(late,)), *read_vehicle(file))
     assert "comes 40 ms later" in notes[-1]
 
 
