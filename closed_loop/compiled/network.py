@@ -9,9 +9,10 @@ rewritten for arrays, and the queue becomes a sort:
     in order            no frame is due before an earlier one of its message
 """
 
+import statistics
 from collections.abc import Sequence
+from itertools import repeat
 from math import exp
-from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -210,8 +211,12 @@ def _latencies_ns(
 
 
 def normal_scores(u: FloatArray) -> FloatArray:
-    """Return Φ⁻¹(u) of an array."""
-    return np.array(list(map(NormalDist().inv_cdf, u.tolist())), dtype=np.float64)
+    """Return Φ⁻¹(u) of an array, as ``NormalDist.inv_cdf`` computes it.
+
+    The method's checks around this function cost a seventh of a jittery schedule's time.
+    """
+    inverse = statistics._normal_dist_inv_cdf  # type: ignore[attr-defined]
+    return np.fromiter(map(inverse, u.tolist(), repeat(0.0), repeat(1.0)), np.float64, len(u))
 
 
 def _gamma_quantiles(u: FloatArray, mean_s: FloatArray, spread_s: FloatArray) -> FloatArray:
