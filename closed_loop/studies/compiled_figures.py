@@ -17,6 +17,7 @@ follows.
 """
 
 import math
+from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ from ...plant_emulator.evaluation.error_windows import (
     window_figures,
 )
 from ...plant_emulator.evaluation.held_figures import NOTHING_HELD, HeldRules, held_step
-from ...plant_emulator.evaluation.run_verdict import RUN_ENDS, Peaks, RunEnd, Verdict, VerdictRules
+from ...plant_emulator.evaluation.run_verdict import Peaks, Verdict, VerdictRules
 from ...plant_emulator.path.corridor import BETWEEN, corridor_of, outside_at
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.settings import PlantSettings
@@ -50,55 +51,55 @@ _TOLERANCE = 1e-9
 class Figures(NamedTuple):
     """Figures of a run; NaN where there is none."""
 
-    duration_s: float
+    duration_s: float = nan
     """Duration of the motion, up to the end of the run."""
-    rms_m: float
+    rms_m: float = nan
     """Of the car's deviation from the path, at its centre of gravity, as the next two."""
-    peak_m: float
-    final_m: float
-    settling_s: float
+    peak_m: float = nan
+    final_m: float = nan
+    settling_s: float = nan
     """Time from which the judged point stays in its band; NaN if it is outside at the end."""
-    mean_m: float
-    mean_before_m: float
-    drift_m_s: float
-    amplitude_m: float
-    amplitude_before_m: float
-    oscillation_rad_s: float
-    irregularity: float
-    end_peak_m: float
-    end_peak_before_m: float
-    wheel_amplitude_rad: float
-    wheel_amplitude_before_rad: float
-    wheel_oscillation_rad_s: float
-    wheel_irregularity: float
-    steer_rms_rad: float
-    steer_peak_rad: float
-    steer_rate_rms_rad_s: float
-    limited_share: float
-    preview_rms_m: float
-    preview_peak_m: float
-    latency_mean_s: float
+    mean_m: float = nan
+    mean_before_m: float = nan
+    drift_m_s: float = nan
+    amplitude_m: float = nan
+    amplitude_before_m: float = nan
+    oscillation_rad_s: float = nan
+    irregularity: float = nan
+    end_peak_m: float = nan
+    end_peak_before_m: float = nan
+    wheel_amplitude_rad: float = nan
+    wheel_amplitude_before_rad: float = nan
+    wheel_oscillation_rad_s: float = nan
+    wheel_irregularity: float = nan
+    steer_rms_rad: float = nan
+    steer_peak_rad: float = nan
+    steer_rate_rms_rad_s: float = nan
+    limited_share: float = nan
+    preview_rms_m: float = nan
+    preview_peak_m: float = nan
+    latency_mean_s: float = nan
     """Of the command in effect, over the samples."""
-    latency_p99_s: float
-    settled_rms_m: float
+    latency_p99_s: float = nan
+    settled_rms_m: float = nan
     """From ``settled_s`` of the verdict on, as the next."""
-    settled_preview_rms_m: float
-    judged_peak_m: float
+    settled_preview_rms_m: float = nan
+    judged_peak_m: float = nan
     """Of the judged point, as the next."""
-    settled_peak_m: float
-    outside_m: float
+    settled_peak_m: float = nan
+    outside_m: float = nan
     """Of the body beyond an edge of its corridor; NaN where the path has none."""
-    beyond_lane_m: float
+    beyond_lane_m: float = nan
     """Of a car's body beyond an edge of its lane; NaN for a linear vehicle."""
-    sensor_noise_m: float
+    sensor_noise_m: float = nan
     """Its standard deviation on the lateral error."""
-    grip_used_s: float
+    grip_used_s: float = nan
     """When an axle of a car that left its lane later had first used up its grip; NaN: none had."""
-    fault_s: float
+    fault_s: float = nan
     """When a fault first changed a frame; this and the next two only of runs over a bus."""
-    reported_s: float
+    reported_s: float = nan
     """From then until it was reported on the bus."""
-    reaction_s: float
+    reaction_s: float = nan
     """From then until a node left control."""
 
 
@@ -107,6 +108,7 @@ def _place(name: str) -> int:
 
 
 _PEAKS, _NOISE = _place("judged_peak_m"), _place("sensor_noise_m")
+_WINDOWS = [_place(name) for name in WindowFigures._fields]
 COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of the results. The counts are whole numbers: samples since the start of motion, commands
@@ -125,7 +127,7 @@ class HandWheelFigures(NamedTuple):
     @classmethod
     def of(cls, found: Shaking | None, felt_delay_s: float) -> "HandWheelFigures":
         """Return the figures of a wheel that shakes so, or is still."""
-        shaking = (math.nan, math.nan) if found is None else found
+        shaking = (nan, nan) if found is None else found
         return cls(*shaking, felt_delay_s)
 
 
@@ -137,77 +139,60 @@ COUNTED = slice(len(Figures._fields), len(COLUMNS))
 """Where the counts are in a row."""
 
 
-class LatencyFigures(NamedTuple):
-    """Of the command in effect, over the samples; NaN where there was none."""
-
-    mean_s: float
-    p99_s: float
-
-
-NO_LATENCY = LatencyFigures(math.nan, math.nan)
-
-
-class BodyFigures(NamedTuple):
-    """Of the body: as in ``Figures``."""
-
-    outside_m: float = math.nan
-    beyond_lane_m: float = math.nan
-    grip_used_s: float = math.nan
-
-
-NO_BODY = BodyFigures()
-
-
-class FigureRules(NamedTuple):
-    """The rules by which the figures are computed."""
-
-    sensor_period_s: float
-    control_period_s: float
-    steer_rad_max: float
-    step_rad_max: float
-    window_s: float
-    settling_band_m: float
-    settled_s: float = VerdictRules().settled_s
-    behind_preview_m: float = 0.0
-    """Of the judged point."""
-    sensor_noise_m: float = 0.0
-
-
 def figures_of(
-    rules: FigureRules,
+    rules: VerdictRules,
+    plant: PlantSettings,
+    controller: ControllerSettings,
     time_s: RealArray,
     lateral_error_m: RealArray,
     cg_deviation_m: RealArray,
     judged_m: RealArray,
     wheel_rad: RealArray,
     sent_rad: RealArray,
-    latency: LatencyFigures = NO_LATENCY,
-    body: BodyFigures = NO_BODY,
 ) -> Figures:
-    """Return the figures of one run.
+    """Return the figures of one run, without those of its latency, its body and its faults.
 
     ``judged_m``  error of the judged point, as all others one per sensor period
     ``sent_rad``  one command per control period
     """
-    nan = math.nan
     if not len(time_s):
-        blank = Figures(*[nan] * len(Figures._fields))
-        return blank._replace(
-            latency_mean_s=latency.mean_s, latency_p99_s=latency.p99_s, outside_m=body.outside_m
-        )
-    moved = lateral_error_m, cg_deviation_m, judged_m, wheel_rad
-    held, windows, effort = _moved_figures(rules, *moved, sent_rad)
-    is_settled = held.settled_at < held.samples
-    settling_s = held.settled_at * rules.sensor_period_s if is_settled else nan
-    return Figures._make(
-        (
-            *(float(time_s[-1]), held.rms_m, held.peak_m, held.final_m, settling_s),
-            *(*windows, *effort, held.preview_rms_m, held.preview_peak_m, *latency),
-            *(held.settled_rms_m, held.settled_preview_rms_m, held.judged_peak_m),
-            *(held.settled_peak_m if held.settled else nan, body.outside_m, body.beyond_lane_m),
-            *(rules.sensor_noise_m, body.grip_used_s, nan, nan, nan),
-        )
+        return Figures()
+    period_s, limits = plant.sensor_period_ns / NS_PER_S, controller.steer_limits
+    window_s = min(rules.window_s, WINDOW_SHARE_MAX * plant.duration_s)
+    held, windows = _held_and_windows(
+        *(rules.settling_band_m, math.ceil(rules.settled_s / period_s)),
+        *(round(window_s / period_s), period_s),
+        *(lateral_error_m, cg_deviation_m, judged_m, wheel_rad),
     )
+    rms_rad, peak_rad, step_rms_rad, limited_share = _effort(
+        limits.steer_rad_max, limits.step_rad_max, sent_rad
+    )
+    return Figures(
+        duration_s=float(time_s[-1]),
+        rms_m=held.rms_m,
+        peak_m=held.peak_m,
+        final_m=held.final_m,
+        settling_s=held.settled_at * period_s if held.settled_at < held.samples else nan,
+        **windows._asdict(),
+        steer_rms_rad=rms_rad,
+        steer_peak_rad=peak_rad,
+        steer_rate_rms_rad_s=step_rms_rad / (controller.period_ns / NS_PER_S),
+        limited_share=limited_share,
+        preview_rms_m=held.preview_rms_m,
+        preview_peak_m=held.preview_peak_m,
+        settled_rms_m=held.settled_rms_m,
+        settled_preview_rms_m=held.settled_preview_rms_m,
+        judged_peak_m=held.judged_peak_m,
+        settled_peak_m=held.settled_peak_m if held.settled else nan,
+        sensor_noise_m=plant.sensor_noise.lateral_error_m,
+    )
+
+
+class LatencyFigures(NamedTuple):
+    """Of the command in effect, over the samples; NaN where there was none."""
+
+    latency_mean_s: float = nan
+    latency_p99_s: float = nan
 
 
 def latency_figures(latency_s: RealArray) -> LatencyFigures:
@@ -218,7 +203,7 @@ def latency_figures(latency_s: RealArray) -> LatencyFigures:
     known_s = latency_s[~np.isnan(latency_s)]
     count = len(known_s)
     if not count:
-        return NO_LATENCY
+        return LatencyFigures()
     if known_s.min() == known_s.max():
         return LatencyFigures(float(known_s[0]), float(known_s[0]))
     rank = math.ceil(0.99 * count) - 1
@@ -230,27 +215,26 @@ register(window_figures, held_step)
 
 
 @compiled
-def _moved_figures(
-    rules: Any, error_m: Any, cg_m: Any, judged_m: Any, wheel_rad: Any, sent_rad: Any
-) -> Any:
-    window = round(rules.window_s / rules.sensor_period_s)
-    windows = window_figures(judged_m, wheel_rad, window, rules.sensor_period_s)
-    settled_after = math.ceil(rules.settled_s / rules.sensor_period_s)
-    held_rules, held = HeldRules(rules.settling_band_m, settled_after), NOTHING_HELD
+def _held_and_windows(
+    band_m: float, settled_after: int, window: int, period_s: float,
+    error_m: Any, cg_m: Any, judged_m: Any, wheel_rad: Any,
+) -> Any:  # fmt: skip
+    windows = window_figures(judged_m, wheel_rad, window, period_s)
+    rules, held = HeldRules(band_m, settled_after), NOTHING_HELD
     for k in range(len(error_m)):
-        held = held_step(held_rules, held, error_m[k], cg_m[k], judged_m[k], wheel_rad[k])
-    return held, windows, _effort(rules, sent_rad)
+        held = held_step(rules, held, error_m[k], cg_m[k], judged_m[k], wheel_rad[k])
+    return held, windows
 
 
 @compiled
-def _effort(rules: Any, sent_rad: Any) -> Any:
-    """Return RMS, peak, RMS of the rate, and share at a limit; the first step counts from 0."""
+def _effort(steer_rad_max: float, step_rad_max: float, sent_rad: Any) -> Any:
+    """Return RMS, peak, RMS of the steps, and share at a limit; the first step counts from 0."""
     count = len(sent_rad)
     if count == 0:
         return math.nan, math.nan, math.nan, math.nan
     square, peak, step_square, limited = 0.0, 0.0, 0.0, 0
-    angle_rad = rules.steer_rad_max * (1.0 - _TOLERANCE)
-    step_rad = rules.step_rad_max * (1.0 - _TOLERANCE)
+    angle_rad = steer_rad_max * (1.0 - _TOLERANCE)
+    step_rad = step_rad_max * (1.0 - _TOLERANCE)
     previous = 0.0
     for k in range(count):
         value = sent_rad[k]
@@ -261,29 +245,7 @@ def _effort(rules: Any, sent_rad: Any) -> Any:
         peak = max(peak, abs(value))
         if abs(value) >= angle_rad or abs(step) >= step_rad:
             limited += 1
-    rate_rms_rad_s = math.sqrt(step_square / count) / rules.control_period_s
-    return math.sqrt(square / count), peak, rate_rms_rad_s, limited / count
-
-
-_WINDOWS = [_place(name) for name in WindowFigures._fields]
-
-
-def rules_of(
-    rules: VerdictRules, plant: PlantSettings, controller: ControllerSettings
-) -> FigureRules:
-    """Return the rules for the figures of a run of these settings."""
-    limits = controller.steer_limits
-    return FigureRules(
-        plant.sensor_period_ns / NS_PER_S,
-        controller.period_ns / NS_PER_S,
-        limits.steer_rad_max,
-        limits.step_rad_max,
-        min(rules.window_s, WINDOW_SHARE_MAX * plant.duration_s),
-        rules.settling_band_m,
-        rules.settled_s,
-        rules.behind_preview_m(plant.vehicle),
-        plant.sensor_noise.lateral_error_m,
-    )
+    return math.sqrt(square / count), peak, math.sqrt(step_square / count), limited / count
 
 
 def farthest_outside_m(
@@ -314,11 +276,6 @@ def short_windows(rules: VerdictRules, duration_s: float) -> str:
         f"{rules.swing_m:g} m is not seen if it is slower than {0.5 * window_s:g} s, nor growth "
         f"that takes longer; give plant.duration_s = {rules.window_s / WINDOW_SHARE_MAX:g} or more"
     )
-
-
-def verdict_of(rules: VerdictRules, end: RunEnd, figures: FloatArray) -> Verdict:
-    """Return the verdict of one run; ``figures`` begin in the order of ``Figures``."""
-    return verdicts(rules, np.array([RUN_ENDS.index(end)]), figures[None])[0]
 
 
 def verdicts(rules: VerdictRules, ends: IntArray, figures: FloatArray) -> list[Verdict]:

@@ -16,7 +16,14 @@ import numpy as np
 from ...controller.settings import ControllerSettings
 from ...hand_wheel.settings import HandWheelSettings
 from ...plant_emulator.evaluation.grip_used import GripUsed, grip_step
-from ...plant_emulator.evaluation.run_verdict import RANGE_M, RUN_ENDS, RunEnd, Verdict, end_of
+from ...plant_emulator.evaluation.run_verdict import (
+    RANGE_M,
+    RUN_ENDS,
+    RunEnd,
+    Verdict,
+    VerdictRules,
+    end_of,
+)
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import SettingsError
@@ -29,16 +36,13 @@ from ..pair.with_hand_wheel import with_hand_wheel
 from .compiled_figures import (
     COLUMNS,
     COUNTED,
-    BodyFigures,
-    FigureRules,
     Figures,
     HandWheelFigures,
     LatencyFigures,
     farthest_outside_m,
     figures_of,
     latency_figures,
-    rules_of,
-    verdict_of,
+    verdicts,
 )
 from .node_runs import run_on_nodes
 from .scenario import Scenarios
@@ -56,32 +60,35 @@ _ENDS = {
 
 def verdict_on(plant: PlantSettings, controller: ControllerSettings, run: CompiledRun) -> Verdict:
     """Return the verdict on a compiled run, by the thresholds of its plant."""
-    figures = figures_on(plant, controller, run)
-    end = end_of(_ENDS[run.outcome], figures.duration_s)
-    return verdict_of(plant.verdict, end, np.array(figures))
+    figures = figures_on(plant.verdict, plant, controller, run)
+    end = RUN_ENDS.index(end_of(_ENDS[run.outcome], figures.duration_s))
+    return verdicts(plant.verdict, np.array([end]), np.array([figures]))[0]
 
 
-def figures_on(plant: PlantSettings, controller: ControllerSettings, run: CompiledRun) -> Figures:
-    """Return the figures of a compiled run, by the rules of its plant."""
-    rules = rules_of(plant.verdict, plant, controller)
-    return _figures(plant, rules, run, latency_figures(run.downlink_latency_s))
-
-
-def _figures(
-    plant: PlantSettings, rules: FigureRules, run: CompiledRun, latency: LatencyFigures
+def figures_on(
+    rules: VerdictRules,
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    run: CompiledRun,
+    latency: LatencyFigures | None = None,
 ) -> Figures:
-    cg_m, behind_m = run.cg_deviation_m, rules.behind_preview_m
+    """Return the figures of a compiled run; ``latency``: where they are known."""
+    cg_m, behind_m = run.cg_deviation_m, rules.behind_preview_m(plant.vehicle)
     is_car = behind_m == run.motion.preview_distance_m
     judged_m = cg_m if is_car else run.deviation_m(behind_m)
     moved = run.time_s, run.lateral_error_m, cg_m, judged_m, run.wheel_angle_rad
     at = run.arc_length_m, run.heading_error_rad, run.lateral_error_m
-    body = BodyFigures(farthest_outside_m(plant, *at))
+    farthest_m = used_s = math.nan
     if plant.car is not None and len(run.time_s):
         beyond_m = run.beyond_lane_m(plant.car.lane)
         farthest_m = float(np.max(beyond_m))
         used_s = math.nan if farthest_m <= 0.0 else _grip_used_s(run, beyond_m)
-        body = BodyFigures(body.outside_m, farthest_m, used_s)
-    return figures_of(rules, *moved, run.sent_rad, latency, body)
+    return figures_of(rules, plant, controller, *moved, run.sent_rad)._replace(
+        **(latency or latency_figures(run.downlink_latency_s))._asdict(),
+        outside_m=farthest_outside_m(plant, *at),
+        beyond_lane_m=farthest_m,
+        grip_used_s=used_s,
+    )
 
 
 def _grip_used_s(run: CompiledRun, beyond_m: FloatArray) -> float:
@@ -182,8 +189,8 @@ class Computer:
         known = None if wheel is not None else network.latency.get(in_effect)
         if known is None:
             known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
-        rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
-        row[: COUNTED.start] = _figures(plant, rules, run, known)
+        rules = self.scenarios.study.settings.verdict
+        row[: COUNTED.start] = figures_on(rules, plant, controller, run, known)
         if wheel is not None and run.wheel is not None:
             felt_s = felt_delay_s(plant, wheel, run.wheel.events)
             row[COUNTED.stop :] = HandWheelFigures.of(shaking_of(run.wheel), felt_s)

@@ -73,7 +73,7 @@ def found(seed: int) -> str:
     has_spun = "the car has left its path" in run.outcome
     for text in (verdict_text(run.plant_report), *([run.outcome] if has_spun else [])):
         assert ("used up their grip" in text) == (named is not None)
-    studied_s = figures_on(plant, run.controller_settings, compiled).grip_used_s
+    studied_s = figures_on(plant.verdict, plant, run.controller_settings, compiled).grip_used_s
     assert studied_s == pytest.approx(named["from_s"] if named else math.nan, nan_ok=True)
     assert plant.car is not None
     is_beyond = compiled.beyond_lane_m(plant.car.lane) > 0.0

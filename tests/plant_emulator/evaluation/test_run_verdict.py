@@ -16,7 +16,6 @@ from steer_by_wire.closed_loop.studies.compiled_figures import (
     Figures,
     figures_of,
     latency_figures,
-    rules_of,
     verdicts,
 )
 from steer_by_wire.dbc.messages import LateralError, limits
@@ -160,10 +159,10 @@ def test_only_the_samples_of_two_windows_are_kept() -> None:
 
 def studied_figures(run: Run, motion: Any, sent_rad: Any) -> Figures:
     """Return the figures by which a study judges this motion of the car."""
-    rules = rules_of(run.plant_settings.verdict, run.plant_settings, run.controller_settings)
+    plant, controller = run.plant_settings, run.controller_settings
     car_m = motion.cg_deviation_m
     moved = motion.time_s, motion.lateral_error_m, car_m, car_m, motion.wheel_angle_rad
-    return figures_of(rules, *moved, sent_rad)
+    return figures_of(plant.verdict, plant, controller, *moved, sent_rad)
 
 
 @pytest.mark.parametrize(("delay_s", "noise_m"), [(0.5, 0.0), (0.39, 0.02)])
@@ -188,7 +187,7 @@ def test_the_plant_judges_a_run_as_a_study_does(delay_s: float, noise_m: float) 
     for name, value in windows.items():
         studied_value = getattr(figures, name)
         assert value == (None if math.isnan(studied_value) else pytest.approx(studied_value))
-    assert latency_figures(run.plant.downlink_latency_s).mean_s == pytest.approx(delay_s)
+    assert latency_figures(run.plant.downlink_latency_s).latency_mean_s == pytest.approx(delay_s)
 
 
 # Who limits
@@ -363,7 +362,7 @@ def test_another_point_than_the_car_is_judged_where_asked(point: str) -> None:
         assert report["judged_peak_m"] == report["peak_m"]
     plant, controller = run.plant_settings, run.controller_settings
     study = run_compiled(plant, controller)
-    behind_m = rules_of(plant.verdict, plant, controller).behind_preview_m
+    behind_m = plant.verdict.behind_preview_m(plant.vehicle)
     assert np.max(np.abs(study.deviation_m(behind_m)[500:])) == report["settled_peak_m"]
 
 

@@ -6,20 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steer_by_wire.closed_loop.studies.compiled_figures import (
-    FigureRules,
     Figures,
     figures_of,
     verdicts,
 )
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import (
     RUN_ENDS,
     RunEnd,
     Verdict,
     VerdictRules,
 )
+from steer_by_wire.plant_emulator.settings import PlantSettings
 
 FloatArray = NDArray[np.floating[Any]]
-RULES = FigureRules(0.01, 0.01, 0.6, 0.02, 15.0, 0.1)
+LIMITS = ["limits.steer_rad_max=0.6", "limits.steer_rate_rad_s_max=2.0"]
+PLANT, CONTROLLER = PlantSettings(duration_s=60.0), controller_preset("practical_pd", LIMITS)
+RULES = VerdictRules(), PLANT, CONTROLLER
 TIME_S: FloatArray = np.arange(6001, dtype=np.float64) * 0.01
 NO_COMMANDS: FloatArray = np.zeros(0)
 
@@ -30,7 +33,7 @@ def figures(
     """Return the figures of the car's deviation; the preview point stays on the path."""
     wheel_rad = np.zeros(len(error_m)) if wheel_rad is None else wheel_rad
     moved = TIME_S[: len(error_m)], np.zeros(len(error_m)), error_m, error_m
-    return figures_of(RULES, *moved, wheel_rad, sent_rad)
+    return figures_of(*RULES, *moved, wheel_rad, sent_rad)
 
 
 def verdict(found: Figures, end: RunEnd = RunEnd.COMPLETE) -> Verdict:
