@@ -10,59 +10,33 @@ few tens of megabytes.
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...plant_emulator.evaluation.run_verdict import Verdict
-from ...runtime.array_types import BoolArray, FloatArray, IntArray
+from ...runtime.array_types import BoolArray
 from ...runtime.input_file import read_bytes
 from ...runtime.settings import SettingsError
+from .compiled_figures import HAND_WHEEL_COLUMNS
 from .result_files import RESULTS, STUDY
 from .row_file import check, read_table
 from .study import Study, study_of_record
 from .study_file import ReportSettings
 
-VERDICTS = tuple(Verdict)
-HOLDS = VERDICTS.index(Verdict.HOLDS)
+Rows = Mapping[str, NDArray[Any]]
+"""Columns of the results by name, as ``run_study`` returns them: those that a report needs."""
+_READ = (
+    *("id", "controller", "verdict", "rms_m", "peak_m", "settled_rms_m", "steer_rms_rad"),
+    *("steer_rate_rms_rad_s", "limited_share", "grip_used_s", "fault_s", "reported_s"),
+    *("reaction_s", "hand_wheel_shakes_hz", "felt_delay_s"),
+)
 
 
-class Rows(NamedTuple):
-    """Columns of the results, one element a run; ``factors`` are numbers or places in a list.
-
-    ``controller``, ``verdict``  places in ``Study.names`` and in ``VERDICTS``
-    ``*rms_m``, ``*peak_m``      of the car
-    ``case``                     the same for runs that differ in the controller only
-    ``hand_wheel_shakes_hz``, ``felt_delay_s``  None without a hand wheel
-    """
-
-    id: IntArray
-    case: IntArray
-    controller: IntArray
-    verdict: IntArray
-    rms_m: FloatArray
-    peak_m: FloatArray
-    settled_rms_m: FloatArray
-    steer_rms_rad: FloatArray
-    steer_rate_rms_rad_s: FloatArray
-    limited_share: FloatArray
-    grip_used_s: FloatArray
-    fault_s: FloatArray
-    reported_s: FloatArray
-    reaction_s: FloatArray
-    factors: Mapping[str, NDArray[Any]]
-    hand_wheel_shakes_hz: FloatArray | None = None
-    felt_delay_s: FloatArray | None = None
-
-    @property
-    def holds(self) -> BoolArray:
-        """Which runs hold the path."""
-        return np.asarray(self.verdict == HOLDS)
-
-
-_FIGURES, _OF_WHEEL = Rows._fields[4:-3], Rows._fields[-2:]
-"""The columns that are read as they are; the others of a study with a hand wheel."""
+def held(rows: Rows) -> BoolArray:
+    """Return which runs hold the path."""
+    return np.asarray(rows["verdict"] == Verdict.HOLDS)
 
 
 def read_results(folder: Path) -> tuple[Study, Rows]:
@@ -81,21 +55,11 @@ def read_results(folder: Path) -> tuple[Study, Rows]:
         check(results, record)  # after this the record is as it was written
     study = study_of_record(str(file), record)
     study = study._replace(settings=study.settings.model_copy(update=_presentation(folder)))
-    factors = [factor.name for factor in study.factors]
-    figures = (*_FIGURES, *_OF_WHEEL) if study.hand_wheels else _FIGURES
-    names = ["id", "controller", "verdict", *figures, *factors]
-    table = _table([read_table(each, record, names) for each in _files(folder)], names)
-    run = table["id"]
-    if not len(run):
+    names = [name for name in _READ if name not in HAND_WHEEL_COLUMNS or study.hand_wheels]
+    names += [factor.name for factor in study.factors]
+    rows = _table([read_table(each, record, names) for each in _files(folder)], names)
+    if not len(rows["id"]):
         raise SettingsError(f"{folder}: holds no results yet")
-    rows = Rows(
-        id=run,
-        case=run // len(study.names),
-        controller=_places(table["controller"], study.names),
-        verdict=_places(table["verdict"], [str(verdict) for verdict in VERDICTS]),
-        **{name: table[name] for name in figures},
-        factors={name: table[name] for name in factors},
-    )
     return study, rows
 
 
@@ -122,11 +86,6 @@ def _files(folder: Path) -> list[Path]:
     if not files:
         raise SettingsError(f"{folder}: holds no results yet")
     return files
-
-
-def _places(words: NDArray[Any], known: Sequence[str]) -> IntArray:
-    place = {word: index for index, word in enumerate(known)}
-    return np.array([place[word] for word in words.tolist()], dtype=np.int64)
 
 
 def _presentation(folder: Path) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from ...closed_loop.reports.page import Cell, Section, Table, number
-from ...closed_loop.studies.result_reader import Rows
+from ...closed_loop.studies.result_reader import Rows, held
 from ...closed_loop.studies.study import Study
 from ...runtime.array_types import FloatArray
 
@@ -23,9 +23,8 @@ _HEADINGS = (
 def comparison_section(study: Study, rows: Rows) -> Section:
     """Return the comparison of every controller with the reference, itself included."""
     laws = [str(tables["law"]) for tables in study.controllers.values()]
-    place_of_pd = laws.index("pd") if "pd" in laws else 0
-    reference = study.names[place_of_pd]
-    lines = [_line(study, rows, place, place_of_pd) for place in range(len(study.names))]
+    reference = study.names[laws.index("pd") if "pd" in laws else 0]
+    lines = [_line(study, rows, name, reference) for name in study.names]
     return Section(
         f"Against {reference}",
         (
@@ -38,35 +37,35 @@ def comparison_section(study: Study, rows: Rows) -> Section:
     )
 
 
-def _line(study: Study, rows: Rows, place: int, reference_place: int) -> tuple[Cell, ...]:
-    it = np.flatnonzero(rows.controller == place)
-    reference = np.flatnonzero(rows.controller == reference_place)
+def _line(study: Study, rows: Rows, name: str, reference: str) -> tuple[Cell, ...]:
+    case, holds = rows["id"] // len(study.names), held(rows)
+    its, others = (np.flatnonzero(rows["controller"] == each) for each in (name, reference))
     _, of_it, of_reference = np.intersect1d(
-        rows.case[it], rows.case[reference], assume_unique=True, return_indices=True
+        case[its], case[others], assume_unique=True, return_indices=True
     )
-    one, other = it[of_it], reference[of_reference]
-    both = rows.holds[one] & rows.holds[other]
+    one, other = its[of_it], others[of_reference]
+    both = holds[one] & holds[other]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = rows.rms_m[one][both] / rows.rms_m[other][both]
+        ratios = rows["rms_m"][one][both] / rows["rms_m"][other][both]
     ratios = ratios[np.isfinite(ratios)]
     low, high = np.quantile(ratios, [0.1, 0.9]) if len(ratios) else (math.nan, math.nan)
     better = f"{100 * np.mean(ratios < 1.0):.1f} %" if len(ratios) else "-"
-    held = it[rows.holds[it]]
-    largest_m = float(rows.rms_m[held].max()) if len(held) else math.nan
+    kept = its[holds[its]]
+    largest_m = float(rows["rms_m"][kept].max()) if len(kept) else math.nan
     texts = (
-        f"{len(held):,} ({100 * len(held) / max(len(it), 1):.1f} %)",
-        f"{np.count_nonzero(rows.holds[one] & ~rows.holds[other]):,}",
-        f"{np.count_nonzero(~rows.holds[one] & rows.holds[other]):,}",
+        f"{len(kept):,} ({100 * len(kept) / max(len(its), 1):.1f} %)",
+        f"{np.count_nonzero(holds[one] & ~holds[other]):,}",
+        f"{np.count_nonzero(~holds[one] & holds[other]):,}",
         _ratio(_median(ratios)),
         f"{_ratio(low)} to {_ratio(high)}",
         better,
-        _millimetres(_median(rows.rms_m[held])),
+        _millimetres(_median(rows["rms_m"][kept])),
         _millimetres(largest_m),
-        three_digits(1e3 * _median(rows.steer_rms_rad[it])),
-        three_digits(1e3 * _median(rows.steer_rate_rms_rad_s[it])),
-        three_digits(100.0 * _median(rows.limited_share[it])),
+        three_digits(1e3 * _median(rows["steer_rms_rad"][its])),
+        three_digits(1e3 * _median(rows["steer_rate_rms_rad_s"][its])),
+        three_digits(100.0 * _median(rows["limited_share"][its])),
     )
-    return Cell(study.names[place]), *map(number, texts)
+    return Cell(name), *map(number, texts)
 
 
 def _median(values: FloatArray) -> float:

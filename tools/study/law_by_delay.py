@@ -17,7 +17,7 @@ from ...closed_loop.reports.page import Cell, Picture, Section, Table, number
 from ...closed_loop.reports.plot_style import law_styles
 from ...closed_loop.studies.factors import Factor
 from ...closed_loop.studies.result_files import are_numbers
-from ...closed_loop.studies.result_reader import Rows
+from ...closed_loop.studies.result_reader import Rows, held
 from ...closed_loop.studies.study import Study
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from .against_pd import three_digits
@@ -73,22 +73,20 @@ def law_by_delay(study: Study, rows: Rows) -> LawByDelay | None:
         return None
     order = np.argsort(first)  # as in the study
     condition = np.argsort(order)[condition]
-    texts = [
-        ", ".join(_level(name, rows.factors[name][row]) for name in names) for row in first[order]
-    ]
-    delays_s, place = np.unique(rows.factors[mean.name].astype(np.float64), return_inverse=True)
+    texts = [", ".join(_level(name, rows[name][row]) for name in names) for row in first[order]]
+    delays_s, place = np.unique(rows[mean.name].astype(np.float64), return_inverse=True)
     shape = (len(texts), len(study.names), len(delays_s))
-    cell = np.ravel_multi_index((condition, rows.controller, place), shape)
-
-    held = np.ones(shape, dtype=np.bool_)
-    np.logical_and.at(held.reshape(-1), cell, rows.holds)
+    controller = list(map(study.names.index, rows["controller"].tolist()))
+    cell = np.ravel_multi_index((condition, controller, place), shape)
+    holds = np.ones(shape, dtype=np.bool_)
+    np.logical_and.at(holds.reshape(-1), cell, held(rows))
     return LawByDelay(
         tuple(1e3 * delay_s for delay_s in delays_s.tolist()),
         tuple(text or "all runs" for text in texts),
         study.names,
-        _worst(cell, rows.settled_rms_m, shape),
-        _worst(cell, rows.peak_m, shape),
-        held,
+        _worst(cell, rows["settled_rms_m"], shape),
+        _worst(cell, rows["peak_m"], shape),
+        holds,
     )
 
 
@@ -107,9 +105,9 @@ def _mean_delay(factors: Sequence[Factor]) -> Factor | None:
 
 def _same_levels(rows: Rows, factors: Sequence[str]) -> IntArray:
     """Return a number for each row, the same where the levels of factors are."""
-    key = np.zeros(len(rows.id), dtype=np.int64)
+    key = np.zeros(len(rows["id"]), dtype=np.int64)
     for name in factors:
-        _, place = np.unique(rows.factors[name], return_inverse=True)
+        _, place = np.unique(rows[name], return_inverse=True)
         _, key = np.unique(key * (int(place.max()) + 1) + place, return_inverse=True)
     return np.asarray(key, dtype=np.int64)
 

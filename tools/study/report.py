@@ -13,9 +13,9 @@ from ...closed_loop.studies.base_settings import leaves
 from ...closed_loop.studies.compiled_figures import short_windows
 from ...closed_loop.studies.factors import Factor
 from ...closed_loop.studies.result_files import are_numbers
-from ...closed_loop.studies.result_reader import HOLDS, VERDICTS, Rows, read_results
+from ...closed_loop.studies.result_reader import Rows, held, read_results
 from ...closed_loop.studies.study import Study
-from ...plant_emulator.evaluation.run_verdict import VerdictRules
+from ...plant_emulator.evaluation.run_verdict import Verdict, VerdictRules
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import BoolArray, FloatArray
 from ...runtime.output_file import write_file, write_text
@@ -39,14 +39,14 @@ _HEADINGS = (
 
 def reaction_sections(study: Study, rows: Rows) -> list[Section]:
     """Return the section of the runs in which a fault changed a frame; none without such runs."""
-    faulty = np.isfinite(rows.fault_s)
+    faulty = np.isfinite(rows["fault_s"])
     if not faulty.any():
         return []
-    by_law = [(name, faulty & (rows.controller == place)) for place, name in enumerate(study.names)]
+    by_law = [(name, faulty & (rows["controller"] == name)) for name in study.names]
     tables = [_table("Controller", by_law, rows)]
     for factor in study.factors:
         if len(factor.labels) > 1:
-            column = rows.factors[factor.name]
+            column = rows[factor.name]
             labels = dict.fromkeys(column[faulty].tolist())
             chosen = [(str(label), faulty & (column == label)) for label in labels]
             tables.append(_table(factor.name, chosen, rows))
@@ -62,9 +62,9 @@ def _table(what: str, chosen: list[tuple[str, BoolArray]], rows: Rows) -> Table:
         (
             Cell(name),
             number(str(int(np.count_nonzero(of)))),
-            *_times(rows.reported_s[of]),
-            *_times(rows.reaction_s[of]),
-            number(f"{np.nanmax(rows.peak_m[of]):.3f}"),
+            *_times(rows["reported_s"][of]),
+            *_times(rows["reaction_s"][of]),
+            number(f"{np.nanmax(rows['peak_m'][of]):.3f}"),
         )
         for name, of in chosen
         if of.any()
@@ -85,14 +85,14 @@ _OVER_A_BUS = "not known over a bus, on which frames wait for others"
 
 def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[str]]:
     """Return at which felt delays a hand wheel shakes, as a section and in lines to print."""
-    if rows.felt_delay_s is None or rows.hand_wheel_shakes_hz is None:
+    if not study.hand_wheels:
         return [], []
-    delay_ms, shakes = 1e3 * rows.felt_delay_s, np.isfinite(rows.hand_wheel_shakes_hz)
+    delay_ms, shakes = 1e3 * rows["felt_delay_s"], np.isfinite(rows["hand_wheel_shakes_hz"])
     unknown = "" if study.bus is None else f"; {_OVER_A_BUS}"
     found, lines = [], []
     for factor in study.factors:
         for label in [] if factor.sets("plant.latency") else factor.labels:
-            of, what = rows.factors[factor.name] == label, f"{factor.name} {label}"
+            of, what = rows[factor.name] == label, f"{factor.name} {label}"
             count = f"{np.count_nonzero(of & shakes)} of {np.count_nonzero(of)}"
             still_ms, late_ms = (
                 delay_ms[of & each & np.isfinite(delay_ms)] for each in (~shakes, shakes)
@@ -132,8 +132,7 @@ def write(folder: Path) -> tuple[Path, list[str]]:
         comparison_section(study, rows),
     ]
     file = folder / PAGE
-    held = np.count_nonzero(rows.verdict == HOLDS)
-    verdict = f"{held:,} of {len(rows.id):,} runs hold the path"
+    verdict = f"{np.count_nonzero(held(rows)):,} of {len(rows['id']):,} runs hold the path"
     write_text(file, page(f"Study {study.settings.name}", sections, verdict))
     if found is None or not study.settings.report.largest_deviation:
         return file, [*lines, *used_up]
@@ -160,7 +159,7 @@ _DURATION = "plant.duration_s"
 
 def study_section(study: Study, rows: Rows, notes: Sequence[str]) -> Section:
     """Return the settings of the study, and how its runs ended, with ``notes`` below."""
-    sampling, runs = study.settings.sampling, len(rows.id)
+    sampling, runs = study.settings.sampling, len(rows["id"])
     size = f"{runs:,} runs" if runs == study.runs else f"{runs:,} of {study.runs:,} runs so far"
     texts = {
         "Size": f"{size}: {len(study.names)} controllers, replicates: {sampling.replicates:,}",
@@ -181,13 +180,18 @@ def study_section(study: Study, rows: Rows, notes: Sequence[str]) -> Section:
             (Cell("Base of the plant"), _against(study.plant, PlantSettings())),
         ],
     )
-    counts = np.zeros((len(study.names), len(VERDICTS)), dtype=np.int64)
-    np.add.at(counts, (rows.controller, rows.verdict), 1)
+    of_verdict = {verdict: rows["verdict"] == verdict for verdict in Verdict}
     verdicts = Table(
-        ("Controller", *map(str, VERDICTS)),
+        ("Controller", *map(str, Verdict)),
         [
-            (Cell(name), *(number(f"{count:,}") for count in line))
-            for name, line in zip(study.names, counts.tolist(), strict=True)
+            (
+                Cell(name),
+                *(
+                    number(f"{np.count_nonzero(of & (rows['controller'] == name)):,}")
+                    for of in of_verdict.values()
+                ),
+            )
+            for name in study.names
         ],
     )
     title = study.settings.title or "Latency and jitter, law by law"
@@ -196,8 +200,9 @@ def study_section(study: Study, rows: Rows, notes: Sequence[str]) -> Section:
 
 def _grip(study: Study, rows: Rows) -> list[str]:
     """Return the sentence that names the grip; none where no run has used it up."""
-    runs = np.bincount(rows.controller[np.isfinite(rows.grip_used_s)]).tolist()
-    named = ", ".join(f"{study.names[of]} {count:,}" for of, count in enumerate(runs) if count)
+    used = rows["controller"][np.isfinite(rows["grip_used_s"])].tolist()
+    runs = {name: used.count(name) for name in study.names if name in used}
+    named = ", ".join(f"{name} {count:,}" for name, count in runs.items())
     found = f"Runs that left the lane once the tyres had used up their grip: {named}."
     return [found] if named else []
 
@@ -230,6 +235,6 @@ def _warnings(study: Study, rows: Rows) -> list[str]:
     durations_s = [float(study.plant["duration_s"])]
     for factor in study.factors:
         if _DURATION in factor.keys and are_numbers(factor.labels):
-            durations_s = [float(np.min(rows.factors[factor.name]))]
+            durations_s = [float(np.min(rows[factor.name]))]
     warning = short_windows(study.settings.verdict, min(durations_s))
     return [f"Warning: {warning}."] if warning else []

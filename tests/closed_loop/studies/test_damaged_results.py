@@ -66,7 +66,7 @@ def refusal(read: Callable[[], object]) -> str:
 
 def test_what_is_whole_is_read(folder: Path, scenarios: Scenarios) -> None:
     _, rows = read_results(folder / "out")
-    assert rows.id.tolist() == [*range(RUNS)]
+    assert rows["id"].tolist() == [*range(RUNS)]
     store = open_store(folder, scenarios)
     assert store.stored() == RUNS
     found = stored_row(store, 47)

@@ -9,7 +9,7 @@ import pytest
 
 from steer_by_wire import run_study
 from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.result_reader import HOLDS, Rows, read_results
+from steer_by_wire.closed_loop.studies.result_reader import Rows, read_results
 from steer_by_wire.closed_loop.studies.run_study import run_missing
 from steer_by_wire.closed_loop.studies.scenario import Scenarios
 from steer_by_wire.closed_loop.studies.study import Study, make_study
@@ -128,11 +128,11 @@ def test_a_law_breaks_at_the_first_delay_at_which_any_run_does_not_hold(tmp_path
     compare = read_study(SHIPPED / "compare.toml")
     chosen = cut(compare, ("PD",), mean_s=(0.0, 0.05, 0.1), network=("constant delay",))
     study, rows = computed(tmp_path, chosen)
-    verdict = rows.verdict.copy()
-    at = np.flatnonzero((rows.factors["mean_s"] == 0.05) & (rows.factors["corner"] == "c"))
-    verdict[at] = HOLDS - 1
+    verdict = rows["verdict"].copy()
+    at = np.flatnonzero((rows["mean_s"] == 0.05) & (rows["corner"] == "c"))
+    verdict[at] = "off path"
     assert by_delay(study, rows).breaks_at_ms(0, 0) is None
-    assert by_delay(study, rows._replace(verdict=verdict)).breaks_at_ms(0, 0) == 50.0
+    assert by_delay(study, {**rows, "verdict": verdict}).breaks_at_ms(0, 0) == 50.0
 
 
 def test_inside_the_box_the_predictor_holds_the_car_itself_on_the_path(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None
     few = text.replace("[0.0, 0.1, 0.2, 0.3, 0.4]", f"[{', '.join(MEANS_S)}]")
     few = re.sub(r"(?m)^replicates = \d+$", f"replicates = {SEEDS}", few)
     few = re.sub(r"\[[^]]*5000 kg\"\]\n(.*= .*\n)+", "", few)  # not on the page
-    study, rows = read_results(complete(tmp_path, text=few).folder)
+    _, rows = read_results(complete(tmp_path, text=few).folder)
     lines, network = [], ""
     for line in PAGE.read_text(encoding="utf-8").splitlines():
         if re.fullmatch(r"\*\*.*\*\*", line):
@@ -34,11 +34,11 @@ def test_the_page_of_plans_says_what_the_same_seeds_give(tmp_path: Path) -> None
     assert len(lines) == len(MEANS_S) * 4
     for network, mean_s, law, *figures in lines:
         at = (
-            (rows.factors["network"] == network)
-            & (rows.factors["mean_s"] == float(mean_s))
-            & (rows.controller == study.names.index(law))
+            (rows["network"] == network)
+            & (rows["mean_s"] == float(mean_s))
+            & (rows["controller"] == law)
         )
-        peak_m = rows.peak_m[at]
+        peak_m = rows["peak_m"][at]
         assert len(peak_m) == SEEDS
         median_m, _, worst_m = (
             math.inf if figure == "lost" else float(figure) for figure in figures

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from steer_by_wire.closed_loop.studies.result_reader import VERDICTS, Rows, read_results
+from steer_by_wire.closed_loop.studies.result_reader import Rows, held, read_results
 from steer_by_wire.closed_loop.studies.study import Study
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
@@ -138,48 +138,38 @@ def test_a_study_without_latencies_has_a_page_too(tmp_path: Path) -> None:
 
 def test_rows_are_read_as_they_are_stored(results: Path) -> None:
     study, rows = read_results(results)
-    assert len(rows.id) == RUNS == study.runs
-    np.testing.assert_array_equal(rows.id, np.arange(RUNS))
-    np.testing.assert_array_equal(rows.controller, np.arange(RUNS) % 2)
-    assert 0 < np.count_nonzero(rows.holds) < RUNS
+    assert len(rows["id"]) == RUNS == study.runs
+    np.testing.assert_array_equal(rows["id"], np.arange(RUNS))
+    assert rows["controller"].tolist() == [*study.names] * (RUNS // 2)
+    assert 0 < np.count_nonzero(held(rows)) < RUNS
 
 
-def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> Rows:
-    """Rows of one point, replicate by replicate."""
-    count = len(rms_m)
-    return Rows(
-        id=np.arange(count),
-        case=np.arange(count) // controllers,
-        controller=np.arange(count) % controllers,
-        verdict=np.array([VERDICTS.index(verdict) for verdict in verdicts]),
-        rms_m=np.array(rms_m),
-        peak_m=np.array(rms_m),
-        settled_rms_m=np.array(rms_m),
-        steer_rms_rad=np.array(rms_m) / 10.0,
-        steer_rate_rms_rad_s=np.array(rms_m),
-        limited_share=np.zeros(count),
-        grip_used_s=np.full(count, np.nan),
-        fault_s=np.full(count, np.nan),
-        reported_s=np.full(count, np.nan),
-        reaction_s=np.full(count, np.nan),
-        factors={
-            "mean_s": np.zeros(count),
-            "jitter": np.zeros(count),
-            "corner": np.array(["a", "b"], dtype=object)[np.arange(count) // (count // 2)],
-        },
-    )
+def made_rows(rms_m: list[float], verdicts: list[Verdict], *names: str) -> dict[str, Any]:
+    """Rows of one point, replicate by replicate, of these controllers."""
+    count, error_m = len(rms_m), np.array(rms_m)
+    figures = ("rms_m", "peak_m", "settled_rms_m", "steer_rate_rms_rad_s")
+    unknown = ("grip_used_s", "fault_s", "reported_s", "reaction_s")
+    return {
+        "id": np.arange(count),
+        "controller": np.array(names, dtype=object)[np.arange(count) % len(names)],
+        "verdict": np.array([str(verdict) for verdict in verdicts], dtype=object),
+        **dict.fromkeys(figures, error_m),
+        "steer_rms_rad": error_m / 10.0,
+        **dict.fromkeys(unknown, np.full(count, np.nan)),
+        **dict.fromkeys(("limited_share", "mean_s", "jitter"), np.zeros(count)),
+        "corner": np.array(["a", "b"], dtype=object)[np.arange(count) // (count // 2)],
+    }
 
 
 def test_reactions_are_counted_over_the_runs_with_a_fault(study: Study) -> None:
     one_law = study._replace(controllers={"practical_pd": study.controllers["practical_pd"]})
-    rows = made_rows([1.0] * 4, [Verdict.HOLDS] * 4, 1)
+    rows = made_rows([1.0] * 4, [Verdict.HOLDS] * 4, "practical_pd")
     assert reaction_sections(one_law, rows) == []
     nan = np.nan
-    rows = rows._replace(
-        fault_s=np.array([nan, 3.0, 3.0, 3.0]),
-        reported_s=np.array([nan, 0.01, 0.13, nan]),
-        reaction_s=np.full(4, nan),
-    )
+    rows |= {
+        "fault_s": np.array([nan, 3.0, 3.0, 3.0]),
+        "reported_s": np.array([nan, 0.01, 0.13, nan]),
+    }
     (section,) = reaction_sections(one_law, rows)
     (line,) = section.tables[0].rows
     assert [cell.text for cell in line] == ["practical_pd", "3", "2", "70, 130", "0", "-", "1.000"]
@@ -189,7 +179,7 @@ def test_laws_are_compared_run_by_run_where_both_hold(study: Study) -> None:
     holds, cycle = Verdict.HOLDS, Verdict.LIMIT_CYCLE
     # practical_pd_ddob and practical_pd in turn
     rms_m = [1.0, 2.0, 3.0, 4.0, 50.0, 5.0, 6.0, 60.0]
-    rows = made_rows(rms_m, [holds, holds, holds, holds, cycle, holds, holds, cycle], 2)
+    rows = made_rows(rms_m, [holds, holds, holds, holds, cycle, holds, holds, cycle], *study.names)
     (table,) = comparison_section(study, rows).tables
     ddob, pd = ([cell.text for cell in line] for line in table.rows)
     assert ddob[1:5] == ["3 (75.0 %)", "1", "1", f"{0.5 * (1 / 2 + 3 / 4):.3f}"]
@@ -199,15 +189,15 @@ def test_laws_are_compared_run_by_run_where_both_hold(study: Study) -> None:
 
 def test_the_lines_of_a_hand_wheel_say_why_no_felt_delay_is_known() -> None:
     factor = SimpleNamespace(name="law", labels=("a",), sets=lambda _key: False)
-    rows: Any = SimpleNamespace(
-        felt_delay_s=np.full(2, np.nan),
-        hand_wheel_shakes_hz=np.array([np.nan, 1.0]),
-        factors={"law": np.array(["a", "a"])},
-    )
+    rows: Rows = {
+        "felt_delay_s": np.full(2, np.nan),
+        "hand_wheel_shakes_hz": np.array([np.nan, 1.0]),
+        "law": np.array(["a", "a"]),
+    }
     for bus, ending in (
         (None, ""),
         ({}, "; not known over a bus, on which frames wait for others"),
     ):
-        study: Any = SimpleNamespace(factors=[factor], bus=bus)
+        study: Any = SimpleNamespace(factors=[factor], bus=bus, hand_wheels={"": {}})
         _, lines = hand_wheel_section(study, rows)
         assert lines == [f"law a: 1 of 2 runs shake{ending}"]
