@@ -27,8 +27,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...controller.history.echo_delay import unwrapped
 from ...dbc import messages
-from ...dbc.codec.protection import COUNTERS
+from ...dbc.codec.protection import COUNTERS, HALF
 from ...dbc.messages import SteeringStatusCode as Code
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .durations import Durations, History
@@ -104,7 +105,7 @@ class Latencies:
         self._round_trips = RoundTrips()
         self._block: list[_Status] = []
         self._reported_ns: list[float] = []
-        self._newest: tuple[int, int, int] | None = None  # counter, number, arrival
+        self._newest: tuple[int, int] | None = None  # number, arrival
         self._frame_ns: int | None = None  # the plant's newest frame
         self._silence_ns = 0  # longest silence of the plant since the last status
 
@@ -126,7 +127,7 @@ class Latencies:
         round_trip_ns = None if is_late else self._round_trips.on_status(status, time_ns)
         if round_trip_ns is not None:
             self._record("round_trip", time_ns, round_trip_ns)
-        number = self._unwrapped(counter, is_late, time_ns)
+        number = self._number(counter, is_late, time_ns)
         if len(self._block) >= BLOCK:
             self.close_block()
         self._block.append(_Status(number, time_ns, self._silence_ns, round_trip_ns))
@@ -144,19 +145,15 @@ class Latencies:
         self.measured[name].record(round(latency_ns))
         self.history[name].add(time_ns / NS_PER_S, latency_ns / NS_PER_S)
 
-    def _unwrapped(self, counter: int, is_late: bool, time_ns: int) -> int:
+    def _number(self, counter: int, is_late: bool, time_ns: int) -> int:
         """Return the number of a status; its counter is that number modulo 256."""
-        if self._newest is None:
-            self._newest = (counter, counter, time_ns)
-            return counter
-        before, number, before_ns = self._newest
+        newest, newest_ns = self._newest or (counter, time_ns)
         if is_late:
-            return number - (before - counter) % COUNTERS
-        forward = (counter - before) % COUNTERS
+            return unwrapped(counter, newest, COUNTERS)
         # After a long gap whole turns of the counter are missing too: the time shows how many.
-        periods = (time_ns - before_ns) / self._period_ns()
-        number += forward + max(round((periods - forward) / COUNTERS), 0) * COUNTERS
-        self._newest = (counter, number, time_ns)
+        periods = round((time_ns - newest_ns) / self._period_ns())
+        number = unwrapped(counter, newest + max(periods, HALF), COUNTERS)
+        self._newest = number, time_ns
         return number
 
     def _period_ns(self) -> float:

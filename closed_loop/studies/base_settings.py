@@ -1,6 +1,6 @@
 """The settings that every run of a study starts from, as tables with all keys that have a value."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +14,7 @@ from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.settings import shared_vehicle as plant_vehicle
 from ...runtime.bus_model.settings import BusSettings
-from ...runtime.settings import (
-    COMMAND_LINE,
-    Settings,
-    SettingsError,
-    SharedTable,
-    load_settings,
-    read_preset,
-)
-from ...runtime.settings.toml_text import toml_value
+from ...runtime.settings import Preset, Settings, SharedTable, load_settings, read_preset
 from .study_file import BaseSettings
 
 Tables = Mapping[str, Any]
@@ -36,75 +28,45 @@ NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
 
 def plant_tables(base: BaseSettings, file: str, folder: Path, context: Tables) -> Tables:
     """Return the tables of the plant; raises SettingsError naming the study ``file``."""
-    below = folder / base.plant_file if base.plant_file else None
-    vehicle = folder / base.vehicle if base.vehicle else None
     preset = read_preset(PLANT_PRESETS, base.plant_preset) if base.plant_preset else None
-    tables = dict(base.plant)
-    if "path" in tables:
-        tables["path"] = named_path(tables["path"])
-    shared = plant_vehicle(vehicle)
-    values, where = leaves(tables), f"{file}: base.plant"
-    return _checked(PlantSettings, preset, below, values, where, shared, context)
+    below = folder / base.plant_file if base.plant_file else None
+    shared = plant_vehicle(folder / base.vehicle if base.vehicle else None)
+    own = SharedTable(
+        f"{file}: base.plant",
+        {key: in_full(f"plant.{key}", value) for key, value in base.plant.items()},
+    )
+    return tables_of(load_settings(PlantSettings, preset, below, (), shared, context, [own]))
 
 
 def controller_tables(base: BaseSettings, name: str, file: str, folder: Path) -> Tables:
     """Return the tables of a controller by its name in the study file; raises SettingsError."""
-    variant = base.variants.get(name)
-    source = name if variant is None else variant.preset
-    below = folder / source if source.endswith(".toml") else None
-    vehicle = folder / base.vehicle if base.vehicle else None
-    preset = None if below else read_preset(CONTROLLER_PRESETS, source)
-    tables = leaves(base.controller)
-    where = f"{file}: base.controller"
+    variant, layers = (
+        base.variants.get(name),
+        [SharedTable(f"{file}: base.controller", base.controller)],
+    )
     if variant is not None:
-        tables += leaves(variant.controller)
-        where = f"{file}: base.variants.{name}"
-    return _checked(ControllerSettings, preset, below, tables, where, nominal_vehicle(vehicle))
+        layers.append(SharedTable(f"{file}: base.variants.{name}", variant.controller))
+    source = _preset_or_file(CONTROLLER_PRESETS, variant.preset if variant else name, folder)
+    shared = nominal_vehicle(folder / base.vehicle if base.vehicle else None)
+    return tables_of(load_settings(ControllerSettings, *source, shared=shared, layers=layers))
 
 
 def hand_wheel_tables(base: BaseSettings, name: str | None, file: str, folder: Path) -> Tables:
     """Return the tables of a hand wheel by its name in the study file; raises SettingsError."""
-    below = folder / name if name and name.endswith(".toml") else None
-    preset = read_preset(HAND_WHEEL_PRESETS, name) if name and below is None else None
-    values = leaves(base.hand_wheel or {})
-    return _checked(HandWheelSettings, preset, below, values, f"{file}: base.hand_wheel", None)
-
-
-def plant_of_variant(base: BaseSettings, name: str) -> dict[str, Any]:
-    """Return what a controller changes about the plant, by dotted key; nothing for most."""
-    variant = base.variants.get(name)
-    if variant is None:
-        return {}
-    values = leaves({"plant": variant.plant}, whole="kind") if variant.plant else []
-    return {key: named_path(value) if key == PATH else value for key, value in values}
+    source = _preset_or_file(HAND_WHEEL_PRESETS, name, folder) if name else (None, None)
+    own = SharedTable(f"{file}: base.hand_wheel", base.hand_wheel or {})
+    return tables_of(load_settings(HandWheelSettings, *source, layers=[own]))
 
 
 def bus_tables(base: BaseSettings, file: str) -> Tables:
     """Return the tables of the bus; raises SettingsError naming the study ``file``."""
-    return _checked(BusSettings, None, None, leaves(base.bus or {}), f"{file}: base.bus", None)
+    own = SharedTable(f"{file}: base.bus", base.bus or {})
+    return tables_of(load_settings(BusSettings, layers=[own]))
 
 
-def _checked(
-    model: type[Settings],
-    preset: Any,
-    below: Path | None,
-    values: Sequence[tuple[str, Any]],
-    where: str,
-    shared: SharedTable | None,
-    context: Tables | None = None,
-) -> Tables:
-    """Return settings with ``values`` on top; a mistake in these names ``where`` they stand."""
-    overrides = [f"{key}={toml_value(value)}" for key, value in values]
-    try:
-        settings = load_settings(model, preset, below, overrides, shared, context)
-    except SettingsError as error:
-        raise SettingsError(
-            *(
-                where + line.removeprefix(COMMAND_LINE) if line.startswith(COMMAND_LINE) else line
-                for line in error.mistakes
-            )
-        ) from error
-    return tables_of(settings)
+def _preset_or_file(presets: str, name: str, folder: Path) -> tuple[Preset | None, Path | None]:
+    is_file = name.endswith(".toml")
+    return (None, folder / name) if is_file else (read_preset(presets, name), None)
 
 
 def tables_of(settings: Settings) -> Tables:
@@ -126,6 +88,12 @@ def leaves(tables: Tables, path: str = "", whole: str | None = None) -> list[tup
     return found
 
 
-def named_path(value: Any) -> Any:
-    """Return a path by its name, or by its kind with that kind's own measures."""
-    return dict(NAMED_PATHS.get(value, {"kind": value})) if isinstance(value, str) else value
+def set_values(tables: Tables) -> dict[str, Any]:
+    """Return what tables set by dotted key; a table with a kind is one value."""
+    return {key: in_full(key, value) for key, value in leaves(tables, whole="kind")}
+
+
+def in_full(key: str, value: Any) -> Any:
+    """Return a value; a path by its name, or by its kind with that kind's own measures, in full."""
+    is_name = key == PATH and isinstance(value, str)
+    return dict(NAMED_PATHS.get(value, {"kind": value})) if is_name else value

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
-from .base_settings import PATH, leaves, named_path
+from .base_settings import in_full, set_values
 from .study_file import FactorSettings, SamplingKind, SamplingSettings
 
 _MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
@@ -75,7 +75,7 @@ def make_factor(settings: FactorSettings, is_grid: bool, where: str) -> Factor:
     """
     if settings.levels is not None:
         levels = tuple(
-            Level(label, tuple(_with_path(*leaf) for leaf in leaves(table, whole="kind")))
+            Level(label, tuple(set_values(table).items()))
             for label, table in settings.levels.items()
         )
         keys = tuple(dict.fromkeys(key for level in levels for key, _ in level.values))
@@ -90,13 +90,6 @@ def make_factor(settings: FactorSettings, is_grid: bool, where: str) -> Factor:
     return _ranged(settings, name, keys, is_grid, where)
 
 
-def quantile_of(start: float, stop: float, scale: str) -> Callable[[float], float]:
-    """Return the quantile function of a range."""
-    if scale == "log":
-        return lambda u: start * math.exp(u * math.log(stop / start))
-    return lambda u: start + (stop - start) * u
-
-
 def _ranged(
     settings: FactorSettings, name: str, keys: tuple[str, ...], is_grid: bool, where: str
 ) -> Factor:
@@ -105,7 +98,11 @@ def _ranged(
     if step is not None:
         intervals = math.floor((stop - start) / step * (1.0 + 1e-12) + 1e-9)
         stop, count = start + intervals * step, intervals + 1
-    quantile = quantile_of(start, stop, settings.scale)
+    is_log, ratio = settings.scale == "log", stop / start if start else 0.0
+
+    def quantile(u: float) -> float:
+        return start * math.exp(u * math.log(ratio)) if is_log else start + (stop - start) * u
+
     if count is None:
         if is_grid and start < stop:
             raise SettingsError(
@@ -118,11 +115,7 @@ def _ranged(
 
 
 def _level(value: Any, keys: tuple[str, ...]) -> Level:
-    return Level(_label(value), tuple(_with_path(key, value) for key in keys))
-
-
-def _with_path(key: str, value: Any) -> tuple[str, Any]:
-    return key, named_path(value) if key == PATH else value
+    return Level(_label(value), tuple((key, in_full(key, value)) for key in keys))
 
 
 def _label(value: Any) -> Label:

@@ -54,7 +54,6 @@ class Store:
         self._done = np.zeros(self._runs, dtype=np.bool_)
         self._new: list[Computed] = []
         self._written_s = time.monotonic()
-        self._schema = self._make_schema()
         self._record = scenarios.study.record.encode()
 
     @property
@@ -121,7 +120,7 @@ class Store:
         if self._new:
             computed = Computed(*map(np.concatenate, zip(*self._new, strict=True)))
             file = self._chunks / f"{computed.ids.min():08d}.parquet"
-            write_rows(file, self._record, self._schema, [self._table(computed)])
+            write_rows(file, self._record, [self._table(computed)])
             self._new.clear()
         self._written_s = time.monotonic()
 
@@ -133,8 +132,8 @@ class Store:
         tables = [read_table(file, self._record) for file in self._files()]
         table = self._arrow.concat_tables(tables).sort_by("id")
         firsts = range(0, self._runs, self._chunk_runs)
-        parts = (table.slice(first, self._chunk_runs) for first in firsts)
-        write_rows(self.results, self._record, self._schema, parts)
+        parts = [table.slice(first, self._chunk_runs) for first in firsts]
+        write_rows(self.results, self._record, parts)
         shutil.rmtree(self._chunks)
 
     def _files(self) -> list[Path]:
@@ -142,41 +141,25 @@ class Store:
 
     def _table(self, computed: Computed) -> Any:
         columns = columns_of(self.scenarios, computed)
-        for factor in self.scenarios.study.design.factors:
-            if self._schema.field(factor.name).type == self._arrow.string():
-                columns[factor.name] = [str(label) for label in columns[factor.name]]
-        return self._arrow.table(columns, schema=self._schema)
-
-    def _make_schema(self) -> Any:
-        arrow = self._arrow
-        whole, real, text = arrow.int64(), arrow.float64(), arrow.string()
-        fields = [(name, whole) for name in ("id", "point", "replicate", "seed")]
-        fields += [("controller", text), ("law", text)]
-        study = self.scenarios.study
-        for factor in study.design.factors:
-            fields.append((factor.name, real if are_numbers(factor.labels) else text))
-        fields += [("verdict", text), ("ended_by", text)]
-        fields += [(HAND_WHEEL_VERDICT, text)] * bool(study.hand_wheels)
-        fields += [(name, whole if name in COUNTS else real) for name in study.columns]
-        return arrow.schema([*fields, ("overrides", text)])
+        for factor in self.scenarios.study.factors:
+            of_label = float if are_numbers(factor.labels) else str
+            columns[factor.name] = list(map(of_label, columns[factor.name]))
+        return self._arrow.table(columns)
 
 
 def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
     """Return the columns of computed runs by name; factors by their labels."""
-    study = scenarios.study
-    names = list(study.controllers)
+    study, names = scenarios.study, scenarios.study.names
     cases, places = np.divmod(computed.ids, len(names))
-    unique, first = np.unique(cases, return_inverse=True)
-    made = [scenarios.case(index) for index in unique.tolist()]
-    texts = [json.dumps(case.overrides) for case in made]
-    rows = [made[place] for place in first.tolist()]
+    made = {index: scenarios.case(index) for index in dict.fromkeys(cases.tolist())}
+    rows = [made[index] for index in cases.tolist()]
     controllers = [names[place] for place in places.tolist()]
     laws = {name: str(tables["law"]) for name, tables in study.controllers.items()}
     judged = verdicts(study.settings.verdict, computed.ends, computed.figures)
-    figures, of_wheel = dict(zip(study.columns, computed.figures.T.copy(), strict=True)), {}
+    figures = dict(zip(study.columns, computed.figures.T.copy(), strict=True))
+    of_wheel = {}
     if study.hand_wheels:
-        is_still = np.isnan(figures["hand_wheel_shakes_hz"])
-        found = np.where(is_still, "still", "shakes")
+        found = np.where(np.isnan(figures["hand_wheel_shakes_hz"]), "still", "shakes")
         of_wheel = {HAND_WHEEL_VERDICT: np.where(figures["samples"] > 0, found, "").tolist()}
     return {
         "id": computed.ids,
@@ -196,9 +179,7 @@ def columns_of(scenarios: Scenarios, computed: Computed) -> dict[str, Any]:
         **{name: figures[name].astype(np.int64) for name in COUNTS},
         "overrides": [
             json.dumps(scenarios.with_controller(case, name).overrides)
-            if name in scenarios.plant_of
-            else texts[place]
-            for case, name, place in zip(rows, controllers, first.tolist(), strict=True)
+            for case, name in zip(rows, controllers, strict=True)
         ],
     }
 

@@ -21,7 +21,7 @@ from ...runtime.input_file import read_bytes
 from ...runtime.settings import SettingsError
 from .compiled_figures import HAND_WHEEL_COLUMNS
 from .result_files import RESULTS, STUDY
-from .row_file import check, read_table
+from .row_file import check, pyarrow, read_table
 from .study import Study, study_of_record
 from .study_file import ReportSettings
 
@@ -65,13 +65,12 @@ def read_results(folder: Path) -> tuple[Study, Rows]:
 
 def _table(tables: Sequence[Any], names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """Return columns as arrays, sorted by id; texts as objects that share their strings."""
-    import pyarrow as pa
-
-    table = pa.concat_tables(tables).sort_by("id")
+    arrow, _ = pyarrow()
+    table = arrow.concat_tables(tables).sort_by("id")
     arrays: dict[str, NDArray[Any]] = {}
     for name in names:
         column = table[name]
-        if pa.types.is_string(column.type):
+        if arrow.types.is_string(column.type):
             coded = column.combine_chunks().dictionary_encode()
             words = np.array(coded.dictionary.to_pylist(), dtype=object)
             arrays[name] = words[coded.indices.to_numpy()]

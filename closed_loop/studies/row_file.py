@@ -9,7 +9,7 @@ file, and the rows of another study, raise a SettingsError of one line.
 import hashlib
 import importlib
 import mmap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,12 +33,12 @@ def pyarrow() -> tuple[ModuleType, ModuleType]:
         ) from error
 
 
-def write_rows(file: Path, record: bytes, schema: Any, tables: Iterable[Any]) -> None:
-    """Write tables of this schema, one after another, into one file; raises OSError."""
+def write_rows(file: Path, record: bytes, tables: Sequence[Any]) -> None:
+    """Write tables with the same columns, one after another, into one file; raises OSError."""
     _, parquet = pyarrow()
 
     def write(place: Path) -> None:
-        marked = schema.with_metadata(_METADATA)
+        marked = tables[0].schema.with_metadata(_METADATA)
         with parquet.ParquetWriter(place, marked, compression="zstd") as writer:
             for table in tables:
                 writer.write_table(table.replace_schema_metadata(_METADATA))

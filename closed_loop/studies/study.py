@@ -22,8 +22,8 @@ from .base_settings import (
     bus_tables,
     controller_tables,
     hand_wheel_tables,
-    plant_of_variant,
     plant_tables,
+    set_values,
 )
 from .compiled_figures import COLUMNS, HAND_WHEEL_COLUMNS, HAND_WHEEL_VERDICT
 from .factors import Design, Factor, in_grid_order, make_design, make_factor
@@ -91,9 +91,8 @@ class Study(NamedTuple):
     @property
     def plant_of(self) -> Mapping[str, Tables]:
         """What a controller changes about the plant, by dotted key, for those that do."""
-        base = self.settings.base
-        changes = {name: plant_of_variant(base, name) for name in base.variants}
-        return {name: values for name, values in changes.items() if values}
+        variants = self.settings.base.variants.items()
+        return {name: set_values({"plant": one.plant}) for name, one in variants if one.plant}
 
     @property
     def commands(self) -> Mapping[str, Sequence[str]]:
@@ -176,21 +175,23 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
 
     Raises SettingsError.
     """
-    factors = study_factors(settings, file)
-    dialect = str(folder / settings.base.dialect) if settings.base.dialect else ""
-    has_bus = settings.base.bus is not None or any(factor.sets("bus.") for factor in factors)
-    base = settings.base
+    base, factors = settings.base, study_factors(settings, file)
+    dialect = str(folder / base.dialect) if base.dialect else ""
+    has_bus = base.bus is not None or any(factor.sets("bus.") for factor in factors)
     plant = plant_tables(base, file, folder, naming(read_language(dialect)))
     controllers = {name: controller_tables(base, name, file, folder) for name in base.names}
     bus = bus_tables(base, file) if has_bus else None
     wheels = _hand_wheels(base, factors, file, folder)
     study = study_of(settings, file, plant, controllers, bus, dialect, hand_wheels=wheels)
+    for name in study.commands:
+        for factor in study.factors:
+            if factor.sets("controller"):
+                where = f"{file}: base.variants.{name}.command"
+                raise SettingsError(f"{where}: a program does not read the factor {factor.name}")
     if study.bus is None:
         _refuse_without_bus(study)
-    defaults = VerdictRules().model_dump(mode="json")
-    if study.plant.get("verdict", defaults) != defaults:
+    if study.plant["verdict"] != VerdictRules().model_dump(mode="json"):
         raise SettingsError(f"{file}: {OWN_VERDICT}")
-    _refuse_unread(study)
     return study
 
 
@@ -219,15 +220,6 @@ def _refuse_without_bus(study: Study) -> None:
     for name in study.commands:
         where = f"base.variants.{name}.command"
         raise SettingsError(f"{study.file}: {where}: a program needs a bus: add [base.bus]")
-
-
-def _refuse_unread(study: Study) -> None:
-    """Refuse factors that a program does not read."""
-    for name in study.commands:
-        where = f"{study.file}: base.variants.{name}.command"
-        for factor in study.design.factors:
-            if factor.sets("controller"):
-                raise SettingsError(f"{where}: a program does not read the factor {factor.name}")
 
 
 def _values(design: Design) -> list[Any]:

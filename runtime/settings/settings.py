@@ -144,11 +144,13 @@ def load_settings(
     overrides: Sequence[str] = (),
     shared: SharedTable | None = None,
     context: Mapping[str, Any] | None = None,
+    layers: Sequence[SharedTable] = (),
 ) -> S:
     """Return the checked settings: ``preset``, ``file``, ``shared``, ``overrides`` in layers.
 
     ``overrides``  each ``table.key=value``; the value is TOML, a bare word counts as a string
     ``context``    what validators of the model find in ``ValidationInfo.context``
+    ``layers``     further ones on top of ``shared``
 
     Raises SettingsError.
     """
@@ -160,8 +162,8 @@ def load_settings(
     if file is not None:
         _refuse_changed_files(file.parent / DIGESTS)
         _merge(merged, _parse(read_text(file), str(file)), str(file), (), sources)
-    if shared is not None:
-        _merge(merged, shared.content, shared.source, (), sources)
+    for table in (*filter(None, [shared]), *layers):
+        _merge(merged, table.content, table.source, (), sources)
     if overrides:
         _merge(merged, _parse_overrides(overrides), COMMAND_LINE, (), sources)
     return _checked(model, merged, sources, context)

@@ -263,8 +263,8 @@ def _analyse(
             language = read_language(options.dialect)
             listening = language.listening()
             exports: list[Export] = [CsvTable(partial / "signals.csv", listening)]
-            smoothed = _smoothed(partial, options)
-            exports += smoothed
+            smoothed = _smoothed(partial, options.smooth) if options.smooth else None
+            exports += [smoothed] if smoothed else []
             for export in exports:
                 stack.callback(export.close)
             figures, analysis = analyse_files(
@@ -280,8 +280,8 @@ def _analyse(
         if smoothed:
             from steer_by_wire.tools.analyze.smoothing import delay_of, draw_smoothed
 
-            figures["smoothed"] = smoothed[0].figures | delay_of(figures["latency"]["round_trip"])
-            pictures.append(draw_smoothed(smoothed[0]))
+            figures["smoothed"] = smoothed.figures | delay_of(figures["latency"]["round_trip"])
+            pictures.append(draw_smoothed(smoothed))
         write_text(partial / _SOURCE, source)
         write_json(partial / "figures.json", figures)
         title = f"Log of the bus: {', '.join(path.name for path in paths)}"
@@ -300,15 +300,13 @@ def _all_or_nothing(folder: Path) -> Iterator[Path]:
             file.replace(folder / file.name)
 
 
-def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]":
-    if options.smooth is None:
-        return []
-    table = {"kind": "vehicle", **read_table(options.smooth, "vehicle")}
-    vehicle = load_settings(VehicleModelSettings, shared=SharedTable(str(options.smooth), table))
+def _smoothed(folder: Path, file: Path) -> "SmoothedTable":
+    table = {"kind": "vehicle", **read_table(file, "vehicle")}
+    vehicle = load_settings(VehicleModelSettings, shared=SharedTable(str(file), table))
     # Only a smoother needs filterpy, which imports most of scipy.
     from steer_by_wire.tools.analyze.smoothing import SmoothedTable
 
-    return [SmoothedTable(folder / "smoothed.csv", vehicle)]
+    return SmoothedTable(folder / "smoothed.csv", vehicle)
 
 
 if __name__ == "__main__":
