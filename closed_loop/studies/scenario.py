@@ -7,7 +7,7 @@ mean_s; where it is 0 the model becomes constant.
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -110,17 +110,12 @@ class Scenarios:
 
     def plant(self, case: Case) -> PlantSettings:
         """Return the plant's settings; raises SettingsError."""
-        tables = _laid_over(self.study.plant, case.overrides, "plant.")
-        try:
-            text = json.dumps(tables)
-            return PlantSettings.model_validate_json(text, strict=True, context=self._naming)
-        except ValidationError as error:
-            raise self._mistake(case, self.controllers[0]) from error
+        return self._side(PlantSettings, "plant", self.study.plant, case, self.controllers[0])
 
     def controller(self, case: Case, name: str) -> ControllerSettings:
         """Return the settings of a controller; raises SettingsError."""
         base = self.study.controllers[name]
-        return self._kept(ControllerSettings, "controller.", name, base, case, name)
+        return self._kept(ControllerSettings, "controller", name, base, case, name)
 
     def hand_wheel(self, case: Case) -> HandWheelSettings | None:
         """Return the settings of the hand wheel, None without one; raises SettingsError."""
@@ -128,25 +123,29 @@ class Scenarios:
         base = self.study.hand_wheels.get(name)
         if base is None:
             return None
-        return self._kept(HandWheelSettings, "hand_wheel.", name, base, case, self.controllers[0])
+        return self._kept(HandWheelSettings, WHEEL, name, base, case, self.controllers[0])
 
     def _kept(
         self, model: type[S], side: str, name: str, base: Tables, case: Case, controller: str
     ) -> S:
         """Return settings of a side of this name in a case, made once; raises SettingsError."""
-        own = {key: value for key, value in case.overrides.items() if key.startswith(side)}
+        own = {key: it for key, it in case.overrides.items() if key.startswith(f"{side}.")}
         known = (side, name, json.dumps(own) if own else "")
         found = self._made.get(known)
         if found is None:
-            text = json.dumps(_laid_over(base, own, side))
-            try:
-                found = model.model_validate_json(text, strict=True)
-            except ValidationError as error:
-                raise self._mistake(case, controller) from error
+            found = self._side(model, side, base, case, controller)
             if len(self._made) >= 1000:
                 self._made.clear()
             self._made[known] = found
         return cast(S, found)
+
+    def _side(self, model: type[S], side: str, base: Tables, case: Case, controller: str) -> S:
+        """Return settings of a side in a case; raises SettingsError."""
+        text = json.dumps(laid_over({side: base}, case.overrides)[side])
+        try:
+            return model.model_validate_json(text, strict=True, context=self._naming)
+        except ValidationError as error:
+            raise self._mistake(case, controller) from error
 
     def pair(self, run: int) -> Pair:
         """Return the settings of a run by its id, checked strictly; raises SettingsError."""
@@ -157,10 +156,11 @@ class Scenarios:
     def checked(self, case: Case, name: str) -> Pair:
         """Return the settings of a case, with types checked as strictly as in a settings file."""
         study = self.study
-        given = study.plant, study.controllers[name], study.bus
-        command = study.commands.get(name, ())
         wheel = study.hand_wheels.get(case.overrides.get(WHEEL, BASE_WHEEL))
-        tables = pair_tables(*given, command, study.dialect, case.overrides, wheel)
+        given = {"plant": study.plant, "controller": study.controllers[name], "bus": study.bus}
+        sides = {side: it for side, it in {**given, WHEEL: wheel}.items() if it is not None}
+        tables = laid_over(sides, case.overrides)
+        tables |= {"command": list(study.commands.get(name, ())), "dialect": study.dialect}
         try:
             text = json.dumps(tables)
             pair = Pair.model_validate_json(text, strict=True, context=self._naming)
@@ -260,25 +260,6 @@ class Scenarios:
         return SettingsError(f"{self.study.file}: settings {case.overrides} cannot be used")
 
 
-def pair_tables(
-    plant: Tables,
-    controller: Tables,
-    bus: Tables | None,
-    command: Sequence[str],
-    dialect: str,
-    overrides: Tables,
-    hand_wheel: Tables | None = None,
-) -> dict[str, Any]:
-    """Return the tables of a ``Pair``, the overrides laid over them."""
-    given = {"plant": plant, "controller": controller, "bus": bus, WHEEL: hand_wheel}
-    tables = {
-        name: _laid_over(table, overrides, f"{name}.")
-        for name, table in given.items()
-        if table is not None
-    }
-    return {**tables, "command": list(command), "dialect": dialect}
-
-
 def _settings_keys(values: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by keys that are settings."""
     found: dict[str, Any] = {}
@@ -300,22 +281,25 @@ def _settings_keys(values: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[
     return found
 
 
-def _laid_over(base: Tables, overrides: Tables, prefix: str) -> dict[str, Any]:
-    """Return tables with values on top; those they do not change are shared, not copied."""
+def laid_over(base: Tables, overrides: Tables) -> dict[str, Any]:
+    """Return tables with values on top, those of their keys that are there.
+
+    What the values do not change is shared, not copied.
+    """
     tables = dict(base)
     for dotted, value in overrides.items():
-        if not dotted.startswith(prefix):
+        *parents, key = dotted.split(".")
+        if not parents or parents[0] not in base:
             continue
-        *parents, key = dotted.removeprefix(prefix).split(".")
         table = tables
         for parent in parents:
             inner = table.get(parent)
             table[parent] = dict(inner) if isinstance(inner, dict) else {}
             table = table[parent]
         table[key] = value
-        if key == "kind" and parents:
+        if key == "kind" and len(parents) > 1:
             # The other keys belong to another kind.
             for other in [name for name in table if name != "kind"]:
-                if f"{prefix}{'.'.join((*parents, other))}" not in overrides:
+                if ".".join((*parents, other)) not in overrides:
                     del table[other]
     return tables

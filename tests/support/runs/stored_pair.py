@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from steer_by_wire.closed_loop.studies.scenario import Pair, pair_tables
+from steer_by_wire.closed_loop.studies.scenario import Pair, laid_over
 from steer_by_wire.dbc.bus_language import read_language
 from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
 
@@ -16,9 +16,10 @@ def pair_of_row(record: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
     ``row``     of the results
     """
     overrides, name = json.loads(row["overrides"]), row["controller"]
-    given = record["plant"], record["controllers"][name], record["bus"]
+    given = {"plant": record["plant"], "controller": record["controllers"][name]}
+    given |= {"bus": record["bus"]} if record["bus"] else {}
     command = record["base"]["variants"].get(name, {}).get("command", ())
     dialect = record["dialect"]
-    tables = pair_tables(*given, command, dialect, overrides)
+    tables = {**laid_over(given, overrides), "command": command, "dialect": dialect}
     text = json.dumps(tables)
     return Pair.model_validate_json(text, strict=True, context=naming(read_language(dialect)))
