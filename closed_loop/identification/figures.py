@@ -239,10 +239,11 @@ def _ends(found: Fit, quantity: _Quantity) -> Ends:
     """Return the interval by the covariance."""
     value, slope = figure_values(found.values)[quantity.name], _slope(found, quantity)
     half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
+    square_s2, half_s2 = found.values["lag_squared_s2"], half_of(found, "lag_squared_s2")
     if quantity.name == "lag_s":
-        # At 0 the root of what is sought has no slope.
-        square_s2, half_s2 = found.values["lag_squared_s2"], half_of(found, "lag_squared_s2")
         return sqrt(max(square_s2 - half_s2, 0.0)), sqrt(square_s2 + half_s2)
+    if quantity.name == "dead_time_s" and square_s2 <= half_s2:
+        return -inf, inf  # The root has no slope at 0; ``compatible`` says what is left of the sum.
     if quantity.unit not in _POSITIVE:
         return value - half, value + half
     grown = float(np.exp(min(half / value, 9.0)))
