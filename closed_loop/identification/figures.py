@@ -88,7 +88,7 @@ class Figure(NamedTuple):
     note: str = ""
 
 
-_SWEEP = "drive a sweep, 20 s at 60 km/h, the wheel from 0.2 to 3 Hz"
+_SWEEP = "drive a sweep, 26 s at 60 km/h, the wheel from 0.2 to 3 Hz"
 _LIMIT = "drive a slalom or a bend near the limit of grip, above 6 m/s2"
 _ADVICE: Mapping[str, str] = {
     "friction": _LIMIT,

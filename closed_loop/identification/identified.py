@@ -141,7 +141,7 @@ def doubts_about(found: Fit, progress: Progress = quiet) -> list[Doubt]:
         doubts.append(Doubt(f"{what}: {verdict}", result, True))
     alike, white = max(map(samples_alike, found.errors)), all(map(is_white, found.errors))
     what = "errors are white" if white else "errors are not white: intervals are widened for it"
-    doubts.append(Doubt(what, f"{alike:.1f} in a row tell as much as one", white))
+    doubts.append(Doubt(what, f"{alike:.1f} errors in a row tell as much as one", white))
     steering = np.interp(rate.time_s, found.grid.time_s, found.grid.steering_rad)
     largest = _cross_correlation(errors, steering)
     bound = min(3.0 * float(np.sqrt(alike / len(errors))), 0.5)

@@ -209,7 +209,9 @@ def make_drive(channels: Iterable[Channel], source: str) -> Drive:
             raise SettingsError(f"{source}: {channel.name} has over {SAMPLES_MAX} samples: --to S")
         kept, held_s = without_repeats(channel)
         if held_s:
-            notes.append(f"{channel.name}: has a sample in {1e3 * held_s:.0f} ms, repeated between")
+            notes.append(
+                f"{channel.name}: a sample in {1e3 * held_s:.0f} ms; rows that repeat it left out"
+            )
         kept, spikes = without_spikes(kept)
         if spikes:
             notes.append(f"{channel.name}: {spikes} spikes left out")
@@ -279,5 +281,5 @@ def _refuse_idle(drive: Drive, source: str) -> None:
     if is_wheel_still or turned < 1e-3:
         still = steering.name if is_wheel_still else rate.name
         raise SettingsError(
-            f"{source}: {still} hardly changes: drive a sweep, 20 s at 60 km/h from 0.2 to 3 Hz"
+            f"{source}: {still} hardly changes: drive a sweep, 26 s at 60 km/h from 0.2 to 3 Hz"
         )

@@ -160,7 +160,7 @@ def _identified(
     files = _tables(found, source, bus, steering)
     found = found._replace(figures=figures, notes=notes)
     advice = _advice(margin, found)
-    files |= _reports(found, doubts, advice)
+    files |= _reports(source, found, doubts, advice)
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         write_text(options.out / name, text)
@@ -265,7 +265,7 @@ def _tables(
 
 
 def _reports(
-    found: Identification, doubts: Sequence[Doubt], advice: Sequence[str]
+    source: str, found: Identification, doubts: Sequence[Doubt], advice: Sequence[str]
 ) -> dict[str, str]:
     """Return the text of the files for programs and for readers, by name."""
     from steer_by_wire.tools.identify.report import report_html  # loads matplotlib
@@ -286,7 +286,7 @@ def _reports(
         "notes": list(found.notes),
         "delays": list(advice),
     }
-    html = report_html(found, doubts, advice)
+    html = report_html(source, found, doubts, advice)
     return {"report.json": json_text(record), "report.html": html}
 
 

@@ -21,7 +21,9 @@ _UNIT_OF_NAME = re.compile("_(rad_s|deg_s|m_s2|g)$")
 _PERIOD_S, _WINDOW_S, _HZ_MAX, _COHERENT = 0.01, 8.0, 4.0, 0.8
 
 
-def report_html(found: Identification, doubts: Sequence[Doubt], lines: Sequence[str]) -> str:
+def report_html(
+    source: str, found: Identification, doubts: Sequence[Doubt], lines: Sequence[str]
+) -> str:
     """Return the page; ``lines`` are what is said of delays and of what to measure next."""
     tests = [[Cell(doubt.what), Cell(doubt.result)] for doubt in doubts]
     rows = [
@@ -50,7 +52,7 @@ def report_html(found: Identification, doubts: Sequence[Doubt], lines: Sequence[
         Section("Frequency response", [frequency], [_frequency_picture(found, response)]),
         Section("What to drive next", [plan], [_plan_picture(asks_for_slow)]),
     ]  # fmt: skip
-    return page("Identified car", sections)
+    return page(f"Car identified from {source}", sections)
 
 
 def _response_picture(found: Identification, response: Response) -> Picture:
