@@ -23,11 +23,12 @@ _COMMANDS_MIN = 50
 
 
 class Way(NamedTuple):
-    """One direction: what was sent [s], and the time of correlation of its latencies [s]."""
+    """One direction: latency sent, how long it stays alike, and share of frames overtaken."""
 
     mean_s: float
     spread_s: float
-    correlation_s: float = 0.0
+    correlation_s: float
+    overtaken: float
 
 
 def network_files(figures: Mapping[str, Any], latencies: Latencies) -> dict[str, str]:
@@ -41,8 +42,8 @@ def network_files(figures: Mapping[str, Any], latencies: Latencies) -> dict[str,
         return {}
     seen, up = latency["downlink"], latency["uplink"]
     command_s = figures["messages"]["STEERING_COMMAND"]["cycle"]["mean_s"] or period_s
-    down, _ = _way(seen, latencies.history["downlink"], command_s, period_s)
-    uplink, overtaken = _way(up, latencies.history["uplink"], period_s, 0.0)
+    down = _way(seen, latencies.history["downlink"], command_s, period_s)
+    uplink = _way(up, latencies.history["uplink"], period_s, 0.0)
     status = figures["messages"]["STEERING_STATUS"]
     lost = status["missing"] / max(status["accepted"] + status["missing"], 1)
     idle = 1.0 - latency["commands_seen_to_act"] / max(latency["commands"], 1)
@@ -57,7 +58,7 @@ def network_files(figures: Mapping[str, Any], latencies: Latencies) -> dict[str,
             "# Without PLANT_STATUS only the sum of both ways is known: the uplink is taken as 0 at"
             " its fastest."
         )
-    lost = max((lost - overtaken) / (1.0 - overtaken), 0.0)
+    lost = max((lost - uplink.overtaken) / (1.0 - uplink.overtaken), 0.0)
     ways = {"downlink": down, "uplink": uplink}
     for name, way in ways.items():
         lines += ["", f"[latency.{name}]", f"mean_s = {way.mean_s:.6g}"]
@@ -82,22 +83,20 @@ def _ms(report: Mapping[str, Any]) -> str:
     return f"{1e3 * report['mean_s']:.1f} ± {1e3 * report['jitter_s']:.1f} ms"
 
 
-def _way(
-    shown: Mapping[str, Any], history: History, frame_s: float, sample_s: float
-) -> tuple[Way, float]:
-    """Return what was sent one way, and the share of its frames that is overtaken.
+def _way(shown: Mapping[str, Any], history: History, frame_s: float, sample_s: float) -> Way:
+    """Return what was sent one way.
 
     Latencies that stay alike for longer than from frame to frame hardly overtake: they are taken as
     they are shown, with the time of correlation of an AR(1) process.
     """
-    sent, drawn_s = _sent(shown["mean_s"], shown["jitter_s"], frame_s, sample_s)
+    sent_s, spread_s, drawn_s = _sent(shown["mean_s"], shown["jitter_s"], frame_s, sample_s)
     at_s, latency_s = history.points()
     if len(latency_s) > 100 and shown["jitter_s"] > _JITTER_S_MIN and history.is_whole:
         kept = _kept(latency_s)
         if kept > max(_kept(drawn_s), 0.0) + 0.1 + 3.0 / np.sqrt(len(latency_s)):
             correlation_s = float(-np.median(np.diff(at_s)) / log(min(kept, exp(-1e-3))))
-            return Way(shown["mean_s"] - 0.5 * sample_s, shown["jitter_s"], correlation_s), 0.0
-    return sent, 1.0 - len(drawn_s) / _DRAWN
+            return Way(shown["mean_s"] - 0.5 * sample_s, shown["jitter_s"], correlation_s, 0.0)
+    return Way(sent_s, spread_s, 0.0, 1.0 - len(drawn_s) / _DRAWN)
 
 
 def _kept(latency_s: FloatArray) -> float:
@@ -107,8 +106,8 @@ def _kept(latency_s: FloatArray) -> float:
 
 def _sent(
     mean_s: float, jitter_s: float, frame_s: float, sample_s: float
-) -> tuple[Way, FloatArray]:
-    """Return what was sent of what is shown, by a gamma distribution; and what it would show.
+) -> tuple[float, float, FloatArray]:
+    """Return mean and spread sent of those shown, by a gamma distribution; and what it would show.
 
     ``frame_s``   from one frame to the next
     ``sample_s``  period of the samples that see them; 0 if they are seen on arrival
@@ -123,7 +122,7 @@ def _sent(
         # A jitter of less than the wait for a sample is not seen.
         spread_s *= min(max(jitter_s / max(float(shown_s.std()), 1e-9), 0.5), 2.0)
         sent_s = max(sent_s + mean_s - float(shown_s.mean()), 0.0)
-    return Way(sent_s, spread_s), shown_s
+    return sent_s, spread_s, shown_s
 
 
 def _shown(latency_s: FloatArray, frame_s: float, sample_s: float) -> FloatArray:
