@@ -15,7 +15,7 @@ afar. While the law steers, he rests his hands, and his wish is the angle that t
 
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from .wheel import GRIPS, Grip
 from .wheel_step import Hands
@@ -104,9 +104,11 @@ class ReactionTime:
         return self._wishes[0]
 
 
-def kicks_n_m(kicks: Sequence[Kick], time_ns: int) -> float:
-    """Return the torque of all kicks at a time."""
-    return sum(kick.torque_n_m for kick in kicks if kick.from_ns <= time_ns < kick.to_ns)
+def kicks_n_m(kicks: Sequence[Kick], time_ns: Any) -> Any:
+    """Return the torque of all kicks at a time, or at an array of times."""
+    return sum(
+        kick.torque_n_m * ((kick.from_ns <= time_ns) & (time_ns < kick.to_ns)) for kick in kicks
+    )
 
 
 def driver_step(

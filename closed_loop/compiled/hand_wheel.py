@@ -8,7 +8,7 @@ from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba.extending import overload, register_jitable
+from numba.extending import register_jitable
 
 from ...controller.settings import ControllerSettings
 from ...controller.who_steers import (
@@ -27,7 +27,6 @@ from ...dbc.messages import (
     SteeredBy,
     SteeringForce,
     SteeringStatusCode,
-    limits,
     resolutions,
 )
 from ...hand_wheel.cycle import (
@@ -45,8 +44,6 @@ from ...hand_wheel.wheel_step import AT_REST, Hands, WheelParams, WheelState, wh
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.control_unit import status_of
 from ...plant_emulator.steering.hand_wheel import SILENCE_NS
-from ...plant_emulator.vehicle.car.car_motion import CarMotionParams
-from ...plant_emulator.vehicle.car.rack import RackParams
 from ...plant_emulator.vehicle.motion_choice import MOTIONS
 from ...plant_emulator.vehicle.motion_parameters import vehicle_params
 from ...plant_emulator.vehicle.single_track_model import VehicleParams
@@ -58,9 +55,11 @@ from .inlined_functions import INLINE
 from .law_input import (
     curvature_on_wire_1_m,
     heading_on_wire_rad,
+    on_wire,
     quantised,
     speed_on_wire_m_s,
     wheel_on_wire_rad,
+    wire,
 )
 from .loop_records import CURVATURE, HEADING, MEASURED, SPEED, WHEEL
 from .refusals import NotCompiledError
@@ -73,18 +72,11 @@ _ARRIVAL, _FORCE, _ANSWER, _CYCLE, _STATE = map(int, Event)
 _LAW, _DRIVER, _BOTH = int(SteeredBy.LAW), int(SteeredBy.DRIVER), int(SteeredBy.BOTH)
 _ACTIVE, _HOLDING = int(Mode.ACTIVE), int(Mode.HOLDING)
 _APPLYING = int(SteeringStatusCode.APPLYING)
-_MODEL = [*FEEDBACK_LAWS].index("model")
 _SILENCE_NS, _NEVER_NS = SILENCE_NS, NEVER_NS
-_ANGLE_RAD, _RATE_RAD_S, _TORQUE_N_M = (
-    resolutions(HandWheelState)[name]
-    for name in ("hand_wheel_angle_rad", "hand_wheel_rate_rad_s", "driver_torque_n_m")
-)
-_ANGLE_RAD_MAX, _RATE_RAD_S_MAX, _TORQUE_N_M_MAX = (
-    limits(HandWheelState)[name].maximum
-    for name in ("hand_wheel_angle_rad", "hand_wheel_rate_rad_s", "driver_torque_n_m")
-)
-_FORCE_N = resolutions(SteeringForce)["rack_force_n"]
-_FORCE_N_MAX = limits(SteeringForce)["rack_force_n"].maximum
+_ANGLE_RAD = wire(HandWheelState, "hand_wheel_angle_rad")
+_RATE_RAD_S = wire(HandWheelState, "hand_wheel_rate_rad_s")
+_TORQUE_N_M = wire(HandWheelState, "driver_torque_n_m")
+_FORCE_N = wire(SteeringForce, "rack_force_n")
 _ORDER_N_M = resolutions(HandWheelFeedback)["feedback_torque_n_m"]
 _RATIO = resolutions(HandWheelFeedback)["steering_ratio"]
 
@@ -94,11 +86,9 @@ class Wheel(NamedTuple):
 
     ``ratio``        as HAND_WHEEL_FEEDBACK carries it; ``first_ratio``: before that
     ``force_n``      of each reading, as on the wire
-    ``*_wire``       of each cycle, as HAND_WHEEL_STATE carries it
     ``by_sight_rad`` the driver's wish at each cycle, after the one that he starts with
     ``samples``      angle, rate, torques of driver and motor at each cycle, NaN before it; the
                      fifth row is the wheel's own motion, the sixth the path's curvature
-    ``heard_n``      force on the rack as it was last heard, NaN for a law that reads none
     ``steered_by``, ``order_n_m``  of each tick, as HAND_WHEEL_FEEDBACK carries them
     """
 
@@ -118,12 +108,8 @@ class Wheel(NamedTuple):
     trail_m: float
     arm_m: float
     force_n: FloatArray
-    angle_wire: FloatArray
-    rate_wire: FloatArray
-    torque_wire: FloatArray
     by_sight_rad: FloatArray
     samples: FloatArray
-    heard_n: FloatArray
     steered_by: IntArray
     order_n_m: FloatArray
 
@@ -131,6 +117,13 @@ class Wheel(NamedTuple):
     def cycles_done(self) -> int:
         """How many cycles the run has reached."""
         return int(np.count_nonzero(np.isfinite(self.samples[0])))
+
+    @property
+    def heard_n(self) -> FloatArray:
+        """Force on the rack at each cycle as it was last heard; NaN for a law that reads none."""
+        newest = self.events.force_sample[: self.cycles_done]
+        reads = [*FEEDBACK_LAWS.values()][self.cycle.law].reads
+        return np.append(self.force_n, 0.0)[newest] if reads else np.full(len(newest), np.nan)
 
 
 class WheelProgress(NamedTuple):
@@ -174,7 +167,7 @@ def _designed(settings: "HandWheelSettings") -> tuple[WheelParams, CycleParams]:
 def _register_steps() -> None:
     register(cycle_step, wheel_step, steering_step, assist_step, own_motion_rad)
     for motion in MOTIONS.values():
-        register(motion.front_lateral_n, motion.is_limited)
+        register(motion.rack_force_n, motion.is_limited)
 
 
 def refuse_hand_wheel(
@@ -229,12 +222,8 @@ def wheel_of(
         trail_m=force.trail_m,
         arm_m=force.arm_m,
         force_n=np.zeros(int(np.count_nonzero(events.kind == Event.FORCE))),
-        angle_wire=np.zeros(cycles),
-        rate_wire=np.zeros(cycles),
-        torque_wire=np.zeros(cycles),
         by_sight_rad=np.zeros(cycles + 1),
         samples=np.full((6, cycles), np.nan),
-        heard_n=np.full(cycles, np.nan),
         steered_by=np.zeros(len(events.tick_cycle), np.int64),
         order_n_m=np.zeros(len(events.tick_cycle)),
     )
@@ -286,7 +275,12 @@ def is_steering(w: Wheel, x: WheelProgress, now_ns: int) -> bool:
 @register_jitable(**INLINE)
 def wanted_rad(w: Wheel, x: WheelProgress) -> float:
     """Return that angle, as one of the road wheels."""
-    return float(w.angle_wire[w.events.number[x.event]] / x.plant.ratio)
+    return float(_angle_on_wire_rad(w, w.events.number[x.event]) / x.plant.ratio)
+
+
+@register_jitable(**INLINE)
+def _angle_on_wire_rad(w: Wheel, cycle: int) -> float:
+    return on_wire(w.samples[0, cycle], _ANGLE_RAD)
 
 
 @register_jitable(**INLINE)
@@ -311,7 +305,7 @@ def reads_force(w: Wheel, x: WheelProgress) -> bool:
 def read_force(w: Wheel, x: WheelProgress, p: Any, z: Any) -> None:
     """Keep that force, as STEERING_FORCE carries it."""
     force_n = _rack_force_n(p, z, w.vehicle, w.trail_m, w.arm_m)
-    w.force_n[w.events.number[x.event]] = _on_wire(force_n, _FORCE_N_MAX, _FORCE_N)
+    w.force_n[w.events.number[x.event]] = on_wire(force_n, _FORCE_N)
 
 
 @register_jitable(**INLINE)
@@ -363,11 +357,6 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
     )
     state, hands, told_n_m = cycle_step(w.cycle, x.cycle, known)
     w.by_sight_rad[cycle + 1] = state.driver.by_sight_rad
-    w.angle_wire[cycle] = _on_wire(wheel.angle_rad, _ANGLE_RAD_MAX, _ANGLE_RAD)
-    w.rate_wire[cycle] = _on_wire(wheel.rate_rad_s, _RATE_RAD_S_MAX, _RATE_RAD_S)
-    w.torque_wire[cycle] = _on_wire(wheel.driver_torque_n_m, _TORQUE_N_M_MAX, _TORQUE_N_M)
-    if w.cycle.law != _MODEL:
-        w.heard_n[cycle] = force_n
     w.samples[0, cycle], w.samples[1, cycle] = wheel.angle_rad, wheel.rate_rad_s
     w.samples[2, cycle], w.samples[3, cycle] = wheel.driver_torque_n_m, wheel.motor_n_m
     alone, followed_rad = w.steered_by[tick] == _DRIVER, w.ratio * road_wheel_rad
@@ -375,11 +364,6 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
     w.samples[5, cycle] = curvature_1_m
     rested = cycle + 1 if state.driver.rests else x.rested
     return WheelProgress(x.event + 1, wheel, state, rested, hands, told_n_m, x.plant, x.who)
-
-
-@register_jitable(**INLINE)
-def _on_wire(value: float, most: float, resolution: float) -> float:
-    return quantised(min(max(value, -most), most), resolution)
 
 
 @register_jitable(**INLINE)
@@ -394,8 +378,10 @@ def decide(
     cycle, before = w.events.tick_cycle[tick], x.who.steering
     torque_n_m, angle_rad, rate_rad_s, age_ns = 0.0, 0.0, 0.0, _NEVER_NS
     if cycle >= 0:
-        torque_n_m, angle_rad = w.torque_wire[cycle], w.angle_wire[cycle]
-        rate_rad_s, age_ns = w.rate_wire[cycle], now_ns - cycle * w.cycle_ns
+        angle_rad = _angle_on_wire_rad(w, cycle)
+        rate_rad_s = on_wire(w.samples[1, cycle], _RATE_RAD_S)
+        torque_n_m = on_wire(w.samples[2, cycle], _TORQUE_N_M)
+        age_ns = now_ns - cycle * w.cycle_ns
     steering = steering_step(w.rule, before, torque_n_m, age_ns, now_ns, can_steer)
     both = steering.steered_by == _BOTH
     share, order_n_m = assist_step(w.assist, x.who.share, both, wanted_rad, angle_rad, rate_rad_s)
@@ -411,32 +397,9 @@ def decide(
     return after, wanted_rad, takes_over
 
 
-def _rack_force_n(*_: Any) -> Any:
-    """Return the force on the rack, for compiled code."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(_rack_force_n, strict=False, jit_options=INLINE)
-def _rack_force_of(params: Any, z: Any, vehicle: Any, trail_m: Any, arm_m: Any) -> Any:  # noqa: ARG001
-    kind = params.instance_class
-    front_n = MOTIONS[kind].front_lateral_n
-    steering = dict(zip(params.fields, params.types, strict=True)).get("steering")
-    if kind is CarMotionParams and getattr(steering, "instance_class", None) is RackParams:
-
-        def of_rack(params: Any, z: Any, vehicle: Any, trail_m: Any, arm_m: Any) -> Any:  # noqa: ARG001
-            _, _, moved = z
-            return moved[2].steering.rack_force_n
-
-        return of_rack
-
-    def of_axle(params: Any, z: Any, vehicle: Any, trail_m: Any, arm_m: Any) -> Any:
-        return -front_n(params, z, vehicle) * trail_m / arm_m
-
-    return of_axle
-
-
 def _limited(is_limited: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
     return lambda _params, z: is_limited(z)
 
 
 _is_limited = chosen_by_type(lambda kind: _limited(MOTIONS[kind].is_limited))
+_rack_force_n = chosen_by_type(lambda kind: MOTIONS[kind].rack_force_n)

@@ -9,7 +9,6 @@ At one instant, with what ``closed_loop.compiled.loop`` does at it:
 5. the hand wheel runs a cycle, and its state arrives, if that takes no time
 """
 
-from collections.abc import Sequence
 from enum import IntEnum
 from math import nan
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...dbc.messages import Message, Mode, SteeringForce, SteeringStatus
-from ...hand_wheel.driver import Kick
+from ...hand_wheel.driver import kicks_n_m
 from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
 from ...hand_wheel.modes import (
     FeedbackMode,
@@ -147,7 +146,7 @@ def wheel_events(
         ],
         mode,
         share,
-        _kicks_n_m(wheel.kicks, cycle_ns),
+        kicks_n_m(wheel.kicks, cycle_ns) + np.zeros(len(cycle_ns)),
         np.searchsorted(tick_ns, cycle_ns, side="right") - 1,
         sensor_noise(plant, samples, slice(1, 2))[0],
     )  # fmt: skip
@@ -176,14 +175,6 @@ def felt_delay_s(plant: PlantSettings, wheel: "HandWheelSettings", events: Wheel
     felt = np.flatnonzero((in_use >= 0) & (angle >= 0))
     answered = events.number[is_state][angle[felt]]
     return float(np.mean(felt - answered)) * wheel.cycle_s if len(felt) else nan
-
-
-def _kicks_n_m(kicks: Sequence[Kick], cycle_ns: IntArray) -> FloatArray:
-    """Return what ``hand_wheel.driver.kicks_n_m`` does at each cycle."""
-    torque_n_m = np.zeros(len(cycle_ns))
-    for kick in kicks:
-        torque_n_m[(kick.from_ns <= cycle_ns) & (cycle_ns < kick.to_ns)] += kick.torque_n_m
-    return torque_n_m
 
 
 def _modes(

@@ -28,6 +28,7 @@ from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import (
     COMMAND_COUNTERS,
     LateralError,
+    Message,
     PathAhead,
     SteeringCommand,
     SteeringPlan,
@@ -78,23 +79,25 @@ class Uplink(IntEnum):
 
 _LATERAL_ERROR, _STEERING_STATUS, _VEHICLE_STATE, _, _ = map(int, Uplink)
 
+
+def wire(message: type[Message], signal: str) -> tuple[float, float]:
+    """Return a signal's largest value, to either side, and its resolution: for ``on_wire``."""
+    return limits(message)[signal].maximum, resolutions(message)[signal]
+
+
 # Resolutions and ranges on the wire; compiled code takes module constants as numbers.
 LATERAL_ERROR_RESOLUTION_M = resolutions(LateralError)["lateral_error_m"]
 LATERAL_ERROR_M_MAX = limits(LateralError)["lateral_error_m"].maximum
 STEER_RESOLUTION_RAD = resolutions(SteeringCommand)["steer_rad"]
 _PLAN_RESOLUTION_RAD = resolutions(SteeringPlan)["steer_0_rad"]
 _DRIVER_STEERS = int(SteeringStatusCode.DRIVER_STEERS)
-_WHEEL_RESOLUTION_RAD = resolutions(SteeringStatus)["wheel_angle_rad"]
-_WHEEL_RAD_MAX = limits(SteeringStatus)["wheel_angle_rad"].maximum
+_WHEEL_RAD = wire(SteeringStatus, "wheel_angle_rad")
 _HEADING_RESOLUTION_RAD = resolutions(LateralError)["heading_error_rad"]
-_YAW_RATE_RESOLUTION_RAD_S = resolutions(VehicleState)["yaw_rate_rad_s"]
-_YAW_RATE_RAD_S_MAX = limits(VehicleState)["yaw_rate_rad_s"].maximum
-_SPEED_RESOLUTION_M_S = resolutions(VehicleState)["speed_m_s"]
-_SPEED_M_S_MAX = limits(VehicleState)["speed_m_s"].maximum
+_YAW_RATE_RAD_S = wire(VehicleState, "yaw_rate_rad_s")
+_SPEED_M_S = wire(VehicleState, "speed_m_s")
+_CURVATURE_1_M = wire(VehicleState, "preview_curvature_1_m")
 _AHEAD_LOW, _AHEAD_HIGH = CURVATURES
 _PATH_RESOLUTION_1_M = resolutions(PathAhead)["curvature_0_1_m"]
-_CURVATURE_RESOLUTION_1_M = resolutions(VehicleState)["preview_curvature_1_m"]
-_CURVATURE_1_M_MAX = limits(VehicleState)["preview_curvature_1_m"].maximum
 
 
 def quantised(value: float, resolution: float) -> float:
@@ -110,23 +113,28 @@ register(quantised)
 
 
 @register_jitable(**INLINE)
+def on_wire(value: float, wired: tuple[float, float]) -> float:
+    """Return a value as a signal carries it, within its range; ``wired``: of ``wire``."""
+    most, resolution = wired
+    return quantised(min(max(value, -most), most), resolution)
+
+
+@register_jitable(**INLINE)
 def speed_on_wire_m_s(speed_m_s: float) -> float:
     """Return the speed as VEHICLE_STATE carries it."""
-    return quantised(min(speed_m_s, _SPEED_M_S_MAX), _SPEED_RESOLUTION_M_S)
+    return on_wire(speed_m_s, _SPEED_M_S)
 
 
 @register_jitable(**INLINE)
 def curvature_on_wire_1_m(curvature_1_m: float) -> float:
     """Return the curvature at the preview point as VEHICLE_STATE carries it."""
-    clamped_1_m = min(max(curvature_1_m, -_CURVATURE_1_M_MAX), _CURVATURE_1_M_MAX)
-    return quantised(clamped_1_m, _CURVATURE_RESOLUTION_1_M)
+    return on_wire(curvature_1_m, _CURVATURE_1_M)
 
 
 @register_jitable(**INLINE)
 def wheel_on_wire_rad(wheel_rad: float) -> float:
     """Return the angle of the wheel as STEERING_STATUS carries it."""
-    clamped_rad = min(max(wheel_rad, -_WHEEL_RAD_MAX), _WHEEL_RAD_MAX)
-    return quantised(clamped_rad, _WHEEL_RESOLUTION_RAD)
+    return on_wire(wheel_rad, _WHEEL_RAD)
 
 
 @register_jitable(**INLINE)
@@ -153,9 +161,8 @@ def record_signals(inbox: Inbox, sample: int, z: LinearState, guard: GuardState)
     at, signals = np.uintp(sample), inbox.signals
     noise_rad = inbox.noise[SEEN_HEADING, at]
     yaw_rate_rad_s = yaw_rate_rad_s + inbox.noise[SEEN_YAW_RATE, at]
-    yaw_rate_rad_s = min(max(yaw_rate_rad_s, -_YAW_RATE_RAD_S_MAX), _YAW_RATE_RAD_S_MAX)
     signals[SEEN_HEADING, at] = heading_on_wire_rad(heading_rad, noise_rad)
-    signals[SEEN_YAW_RATE, at] = quantised(yaw_rate_rad_s, _YAW_RATE_RESOLUTION_RAD_S)
+    signals[SEEN_YAW_RATE, at] = on_wire(yaw_rate_rad_s, _YAW_RATE_RAD_S)
     signals[SEEN_CURVATURE, at] = curvature_on_wire_1_m(curvature_1_m)
     signals[SEEN_WHEEL, at] = wheel_on_wire_rad(wheel_rad)
     inbox.status[at] = status_of(guard, False)

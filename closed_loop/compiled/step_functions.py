@@ -35,7 +35,13 @@ from ...controller.prediction.vehicle_kalman_filter import (
 from ...dbc.messages import LawNumber
 from ...plant_emulator.vehicle.car.car_choice import BUILT_IN, CARS, drive_step, start_of_own
 from ...plant_emulator.vehicle.car.car_motion import CarMotionParams, tyres_of_car
-from ...plant_emulator.vehicle.car.steering_choice import STEERINGS, steering_at_rest, steering_step
+from ...plant_emulator.vehicle.car.rack import RackParams
+from ...plant_emulator.vehicle.car.steering_choice import (
+    STEERINGS,
+    rack_force_n,
+    steering_at_rest,
+    steering_step,
+)
 from ...plant_emulator.vehicle.motion_choice import MOTIONS
 from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import SettingsError
@@ -133,8 +139,10 @@ _choose(drive_step, _finite_step_of)
 _choose(start_of_own, lambda kind: CARS[kind][1].start)
 _choose(steering_step, lambda kind: STEERINGS[kind][0])
 _choose(steering_at_rest, _at_rest_of)
+_RACKS = {RackParams: lambda _p, x, _by_axle_n: x.rack_force_n}
+_choose(rack_force_n, lambda kind: _RACKS.get(kind, lambda _p, _x, by_axle_n: by_axle_n))
 _CHOSEN: frozenset[Callable[..., Any]] = frozenset(
-    (drive_step, start_of_own, steering_step, steering_at_rest, row_at, vector)
+    (drive_step, start_of_own, steering_step, steering_at_rest, rack_force_n, row_at, vector)
 )
 
 

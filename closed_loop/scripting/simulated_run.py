@@ -171,9 +171,8 @@ class HandWheelTable(NamedTuple):
         time_s = np.arange(cycles) * wheel.cycle_ns / NS_PER_S
         events = wheel.events
         steered_by = wheel.steered_by[events.cycle_tick[:cycles]]
-        angle_rad, rate_rad_s, driver_n_m, motor_n_m = wheel.samples[:4, :cycles]
-        motion = time_s, angle_rad, rate_rad_s, driver_n_m, motor_n_m, wheel.heard_n[:cycles]
-        return cls(*motion, events.mode[:cycles], steered_by)
+        motion = wheel.samples[:4, :cycles]
+        return cls._make((time_s, *motion, wheel.heard_n, events.mode[:cycles], steered_by))
 
 
 class Run(NamedTuple):

@@ -476,10 +476,7 @@ class PlantNode:
         motion_ns, table = self._advance(time_ns), self._settings.steering_force
         if table is None:
             return
-        # Caster and tyre turn the wheels out of the turn, so the rack is pushed to the other side.
-        force_n = self._motion.rack_force_n
-        if force_n is None:
-            force_n = -self._motion.front_lateral_n(self._vehicle) * table.trail_m / table.arm_m
+        force_n = self._motion.rack_force_n(self._vehicle, table.trail_m, table.arm_m)
         frame = self._sampling.frames.steering_force(self._unit.target_rad, force_n)
         self._network.uplink.push([frame], time_ns, motion_ns)
 

@@ -14,11 +14,11 @@ from .car.car_motion import (
     brake_car,
     command_car,
     disturb_car,
-    front_lateral_of_car_n,
     interval_end_ns_of,
     is_car_limited,
     limit_car,
     place_of_car,
+    rack_force_of_car_n,
     start_car,
 )
 from .motion_events import (
@@ -45,7 +45,8 @@ class MotionSteps(NamedTuple):
     ``place(params, state)``           arc length beside the preview point [m], and speed [m/s]
     ``event_ns(state)``                when the inputs change next, for the interval of params
     ``is_limited(state)``              whether a limit of the actuator shapes the wheel's motion
-    ``front_lateral_n(params, state, vehicle)``  lateral force of the front axle, left positive [N]
+    ``rack_force_n(params, state, vehicle, trail, arm)``  force of the tyres on the rack, left
+                                       positive [N]; by trail and arm [m] where there is no rack
     """
 
     start: Callable[..., Any]
@@ -57,7 +58,7 @@ class MotionSteps(NamedTuple):
     place: Callable[..., Any]
     event_ns: Callable[..., Any]
     is_limited: Callable[..., Any]
-    front_lateral_n: Callable[..., Any]
+    rack_force_n: Callable[..., Any]
 
 
 def place_of_linear(p: MotionParams, x: Any) -> tuple[float, float]:
@@ -75,12 +76,16 @@ def _is_linear_limited(x: Any) -> bool:
     return is_limited(wheel)
 
 
-def _front_lateral_of_linear_n(p: MotionParams, x: Any, vehicle: VehicleParams) -> float:
+def _rack_force_of_linear_n(
+    p: MotionParams, x: Any, vehicle: VehicleParams, trail_m: float, arm_m: float
+) -> float:
     """Return the force by the vehicle's cornering stiffness, at the present friction."""
     _, (beta, r, _, _, wheel_rad, _, _, _, _, _), _ = x
     now = p.intervals[interval_of(x)]
     slip_rad = front_slip_rad(vehicle, wheel_rad + now.steering_offset_rad, beta, r)
-    return now.friction * vehicle.front_cornering_stiffness_n_rad * slip_rad
+    front_n = now.friction * vehicle.front_cornering_stiffness_n_rad * slip_rad
+    # Caster and tyre turn the wheels out of the turn, so the rack is pushed to the other side.
+    return -front_n * trail_m / arm_m
 
 
 MOTIONS: dict[type, MotionSteps] = {
@@ -94,7 +99,7 @@ MOTIONS: dict[type, MotionSteps] = {
         place_of_linear,
         event_ns_of,
         _is_linear_limited,
-        _front_lateral_of_linear_n,
+        _rack_force_of_linear_n,
     ),
     CarMotionParams: MotionSteps(
         start_car,
@@ -106,7 +111,7 @@ MOTIONS: dict[type, MotionSteps] = {
         place_of_car,
         interval_end_ns_of,
         is_car_limited,
-        front_lateral_of_car_n,
+        rack_force_of_car_n,
     ),
 }
 """By the type of the params."""

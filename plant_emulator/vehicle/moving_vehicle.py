@@ -9,7 +9,7 @@ from typing import Any
 
 from ..path.path import Pose, vehicle_pose
 from .car.axle_use import AxleUse
-from .car.car_motion import CarMotionParams, axle_use_of_car, rack_force_of_car_n
+from .car.car_motion import CarMotionParams, axle_use_of_car
 from .exact_propagation import PSI, LinearState, Y
 from .motion_choice import MOTIONS
 from .motion_events import MotionState, with_vehicle
@@ -127,17 +127,9 @@ class Motion:
         """Return whether the actuator's angle or rate limit shapes the wheel's motion."""
         return bool(self._is_limited(self._state))
 
-    def front_lateral_n(self, vehicle: VehicleParams) -> float:
-        """Lateral force of the front axle, to the left positive; ``vehicle`` is the settings'."""
-        return float(self._steps.front_lateral_n(self._params, self._state, vehicle))
-
-    @property
-    def rack_force_n(self) -> float | None:
-        """Force of the tyres on the rack, to the left positive; None for a steering without one."""
-        if not isinstance(self._params, CarMotionParams):
-            return None
-        state: Any = self._state
-        return rack_force_of_car_n(state)
+    def rack_force_n(self, vehicle: VehicleParams, trail_m: float, arm_m: float) -> float:
+        """Return the force on the rack, left positive; without a rack, that of trail and arm."""
+        return float(self._steps.rack_force_n(self._params, self._state, vehicle, trail_m, arm_m))
 
     @property
     def axle_use(self) -> AxleUse | None:

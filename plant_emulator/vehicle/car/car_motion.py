@@ -17,7 +17,7 @@ from .axle_use import AxleUse, axle_use
 from .car_choice import drive_step, start_of_own
 from .car_step import NEARNESS_MIN, CarInput, CarParams, CarState
 from .speed_control import SpeedParams, demand_step, wanted_speed
-from .steering_choice import steering_at_rest, steering_step
+from .steering_choice import rack_force_n, steering_at_rest, steering_step
 from .steering_input import SteeringInput
 
 STEP_NS = 1_000_000
@@ -244,16 +244,12 @@ def interval_end_ns_of(x: CarMotionState) -> int:
     return interval_end_ns
 
 
-def front_lateral_of_car_n(_p: CarMotionParams, x: CarMotionState, _vehicle: Any) -> float:
-    """Return the lateral force of the front axle, to the left positive [N]."""
+def rack_force_of_car_n(
+    p: CarMotionParams, x: CarMotionState, _vehicle: Any, trail_m: float, arm_m: float
+) -> float:
+    """Return the force of the tyres on the rack, to the left positive [N]."""
     _, _, (_, _, now, _, _, _) = x
-    return now.car.front_lateral_n
-
-
-def rack_force_of_car_n(x: CarMotionState) -> float | None:
-    """Return the force of the tyres on the rack, to the left positive [N]; None without a rack."""
-    _, _, (_, _, now, _, _, _) = x
-    return getattr(now.steering, "rack_force_n", None)
+    return rack_force_n(p.steering, now.steering, -now.car.front_lateral_n * trail_m / arm_m)
 
 
 def tyres_of_car(p: CarMotionParams, x: CarMotionState) -> Tyres:

@@ -30,3 +30,8 @@ def steering_at_rest(p: Any) -> Any:
     """Return the state of the steering at the start."""
     _, at_rest = STEERINGS[type(p)]
     return at_rest
+
+
+def rack_force_n(p: Any, x: Any, by_axle_n: float) -> float:
+    """Return the force of the tyres on the rack; ``by_axle_n`` for a steering without a rack."""
+    return float(x.rack_force_n) if type(p) is RackParams else by_axle_n
