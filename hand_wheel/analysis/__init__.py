@@ -1,4 +1,4 @@
 """Analysis of the feedback loop: the round trips of the bus at which the wheel shakes.
 
-Begin with ``wheel_alone``, which is in closed form, or ``sampled_loop``.
+Begin with ``wheel_alone``, which is in closed form.
 """

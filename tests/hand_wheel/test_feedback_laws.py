@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
+from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque, sampled_feedback
 from steer_by_wire.hand_wheel.analysis.nominal_road import RoadVehicle
 from steer_by_wire.hand_wheel.analysis.sampled_laws import sampled_cdob, zero_order_hold
-from steer_by_wire.hand_wheel.analysis.sampled_loop import sampled_feedback
 from steer_by_wire.hand_wheel.feedback_laws import (
     FEEDBACK_AT_REST,
     FEEDBACK_LAWS,

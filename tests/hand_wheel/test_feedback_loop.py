@@ -10,17 +10,19 @@ from hypothesis import strategies as st
 
 from steer_by_wire import SettingsError, feedback_stability, sweep
 from steer_by_wire.closed_loop.pair.with_hand_wheel import with_hand_wheel
-from steer_by_wire.closed_loop.scripting.feedback import Rack, feedback_loop, road_torque
-from steer_by_wire.closed_loop.scripting.simulate import settings_of
-from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
-from steer_by_wire.hand_wheel.analysis.sampled_loop import (
+from steer_by_wire.closed_loop.scripting.feedback import (
+    Rack,
     SampledFeedback,
+    feedback_loop,
     is_unstable_at,
+    road_torque,
     sampled_feedback,
     tolerated_jitter_s,
     unstable_round_trips,
 )
+from steer_by_wire.closed_loop.scripting.simulate import settings_of
+from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
 from steer_by_wire.plant_emulator.settings import plant_preset

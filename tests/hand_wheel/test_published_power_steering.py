@@ -17,8 +17,8 @@ its map of stability could not be read, so its boundaries are not among the publ
 import numpy as np
 import pytest
 
+from steer_by_wire.closed_loop.scripting.feedback import SampledFeedback, unstable_round_trips
 from steer_by_wire.hand_wheel.analysis.sampled_laws import zero_order_hold
-from steer_by_wire.hand_wheel.analysis.sampled_loop import SampledFeedback, unstable_round_trips
 from steer_by_wire.hand_wheel.wheel import LinearSystem
 
 J_D, C_D, K_D, K_S = 0.04, 0.2, 10.0, 150.0

@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from steer_by_wire import feedback_stability
-from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque
-from steer_by_wire.hand_wheel.analysis.sampled_laws import zero_order_hold
-from steer_by_wire.hand_wheel.analysis.sampled_loop import (
+from steer_by_wire.closed_loop.scripting.feedback import (
+    Rack,
     SampledFeedback,
+    road_torque,
     sampled_feedback,
     unstable_round_trips,
 )
+from steer_by_wire.hand_wheel.analysis.sampled_laws import zero_order_hold
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
 from steer_by_wire.hand_wheel.wheel_step import (

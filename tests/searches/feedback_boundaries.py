@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steer_by_wire.closed_loop.scripting.feedback import feedback_loop
-from steer_by_wire.hand_wheel.analysis.sampled_loop import is_unstable_at, unstable_round_trips
+from steer_by_wire.closed_loop.scripting import feedback
 from steer_by_wire.hand_wheel.node import HandWheelNode
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS
@@ -80,10 +79,12 @@ def drawn(number: int) -> Loop:
 
 def is_unstable(loop: Loop, gradient_n_m: float) -> bool:
     """Return what the analysis says of a loop."""
-    sampled = feedback_loop(*settings_of(loop, gradient_n_m))
+    sampled = feedback.feedback_loop(*settings_of(loop, gradient_n_m))
     assert sampled is not None
     round_trip_s = (loop.down + loop.up) * sampled.cycle_s
-    return is_unstable_at(unstable_round_trips(sampled, round_trip_s), round_trip_s)
+    return feedback.is_unstable_at(
+        feedback.unstable_round_trips(sampled, round_trip_s), round_trip_s
+    )
 
 
 def boundary_n_m(loop: Loop) -> float | None:

@@ -18,23 +18,24 @@ and jitter of 30 %; runs add friction, a patch of ice, jitter from frame to fram
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import product
 from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from rich.table import Table
 
 from steer_by_wire.closed_loop.reports.terminal import plain_console, plain_table
-from steer_by_wire.closed_loop.scripting.feedback import UP_TO_S, Rack
-from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
-from steer_by_wire.hand_wheel.analysis.sampled_loop import (
+from steer_by_wire.closed_loop.scripting.feedback import (
+    UP_TO_S,
+    Rack,
     UnstableRange,
     tolerated_jitter_s,
     unstable_round_trips,
 )
+from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import vehicle_params
@@ -52,7 +53,9 @@ from steer_by_wire.runtime.settings import SettingsError, load_settings, read_pr
 from steer_by_wire.tools.feedback.frontier import ROUND_TRIPS_S, Bench, Design, Point
 from steer_by_wire.tools.feedback.frontier_runs import frontier
 
+R = TypeVar("R")
 NAME = "steer-by-wire feedback"
+_WASHOUT_RAD_S, _NOISE_N_M = 2.0, 0.05
 _LAGGING = "  tyres lag"
 """A line that shows the line above it with tyres that lag."""
 
@@ -121,11 +124,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="add a communication disturbance observer of this bandwidth at the wheel",
     )  # fmt: skip
     parser.add_argument(
-        "--washout", type=number(0.0, 100.0, "rad/s"), default=2.0, metavar="RAD_S",
-        help="of the observer; slower torque is the road's alone (default: %(default)g)",
+        "--washout", type=number(0.0, 100.0, "rad/s"), metavar="RAD_S",
+        help=f"of the observer; slower torque is the road's alone (default: {_WASHOUT_RAD_S:g})",
     )  # fmt: skip
     parser.add_argument(
-        "--plot", type=output_file, metavar="FILE.png",
+        "--plot", type=_png_file, metavar="FILE.png",
         help="draw the first unstable round trip over the torque gradient",
     )  # fmt: skip
     parser.add_argument(
@@ -133,21 +136,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="compare the feedback laws instead; writes frontier.png and frontier.json there",
     )  # fmt: skip
     parser.add_argument(
-        "--torque-noise", type=number(0.001, 10.0, "N m"), default=0.05, metavar="N_M",
-        help="noise that each law of the frontier may make, RMS (default: %(default)g N m)",
+        "--torque-noise", type=number(0.001, 10.0, "N m"), metavar="N_M",
+        help=f"noise that each law of the frontier may make, RMS (default: {_NOISE_N_M:g} N m)",
     )  # fmt: skip
     add_json_argument(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:
+    _refuse_idle(options)
     plant = load_settings(PlantSettings, read_preset(PRESETS, options.preset))
     car = plant.car
     if options.tyre_lag and car is None:
         raise SettingsError(f"--tyre-lag: {options.preset} is no car: its tyres do not lag")
-    gradient_n_m, km_h = (
-        sorted(each)[len(each) // 2] for each in (options.torque_gradients, options.speeds_km_h)
-    )
+    gradient_n_m, km_h = _middle(options.torque_gradients), _middle(options.speeds_km_h)
     lag_s = None if options.lag_ms is None else options.lag_ms / 1e3
     bench = Bench(
         vehicle_params(plant.vehicle)._replace(speed_m_s=km_h / 3.6),
@@ -155,7 +157,7 @@ def _run(options: argparse.Namespace) -> int:
         Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio, lag_s=lag_s),
         HandWheel(options.inertia, options.damping, sensor_n_m_rad=options.torque_sensor),
         options.cycle_ms / 1e3,
-        options.torque_noise,
+        options.torque_noise or _NOISE_N_M,
     )
     models = [] if options.tyre_lag else [bench]
     if car is not None:
@@ -166,10 +168,11 @@ def _run(options: argparse.Namespace) -> int:
         return _show_frontier(options.frontier, models, title)
     rows = [_rows(options, each, options.torque_gradients) for each in models]
     title = f"first unstable round trip [ms], {what}, cycle {options.cycle_ms:g} ms"
-    tables = [_table(rows, options.speeds_km_h, title, _first_ms, has_passive=True)]
+    speeds = [f"{speed:g} km/h" for speed in options.speeds_km_h]
+    tables = [_loops_table(rows, speeds, title, _first_ms, has_passive=True)]
     for place, at_ms in enumerate(options.jitter_at):
         title = f"tolerated jitter [ms] above a round trip of {at_ms:g} ms"
-        tables.append(_table(rows, options.speeds_km_h, title, partial(_jitter_ms, place)))
+        tables.append(_loops_table(rows, speeds, title, partial(_jitter_ms, place)))
     record = _of_both("loops", [[_record(row) for row in each] for each in rows])
     show = partial(plain_console().print, *tables, sep="\n")
     show_or_write(options.json, {"preset": options.preset, **record}, show)
@@ -185,6 +188,26 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.OK
 
 
+def _refuse_idle(options: argparse.Namespace) -> None:
+    """Raise SettingsError for an option that would do nothing next to the others."""
+    for idle, needed in (("washout", "cdob"), ("torque_noise", "frontier")):
+        if getattr(options, idle) is not None and getattr(options, needed) is None:
+            raise SettingsError(f"--{idle.replace('_', '-')} does nothing without --{needed}")
+    for idle in ("cdob", "jitter_at", "plot", "json"):
+        if getattr(options, idle) and options.frontier is not None:
+            raise SettingsError(f"--{idle.replace('_', '-')} does nothing with --frontier")
+
+
+def _middle(values: Sequence[float]) -> float:
+    return sorted(values)[len(values) // 2]
+
+
+def _png_file(text: str) -> Path:
+    if Path(text).suffix.lower() != ".png":
+        raise argparse.ArgumentTypeError(f"{text} is no PNG: give a name that ends in .png")
+    return output_file(text)
+
+
 def _of_both(name: str, models: Sequence[Sequence[Any]]) -> dict[str, Any]:
     """Return what is known of each model by its name in the JSON."""
     return dict(zip((name, f"{name}_with_tyre_lag"), models, strict=False))
@@ -192,16 +215,17 @@ def _of_both(name: str, models: Sequence[Sequence[Any]]) -> dict[str, Any]:
 
 def _rows(options: argparse.Namespace, model: Bench, gradients_n_m: Sequence[float]) -> list[Row]:
     """Return the loop of each torque gradient, grip and speed."""
-    rows, cycle_s = [], model.cycle_s
+    rows = []
     for gradient_n_m, grip, km_h in product(gradients_n_m, GRIPS, options.speeds_km_h):
         moving = model.vehicle._replace(speed_m_s=km_h / 3.6)
         case = model._replace(vehicle=moving, gradient_n_m=gradient_n_m, grip=grip)
         law = PASS_THROUGH
         if options.cdob is not None:
-            law = sampled_cdob(case.road(), cycle_s, options.cdob, options.washout)
+            washout_rad_s = _WASHOUT_RAD_S if options.washout is None else options.washout
+            law = sampled_cdob(case.road(), model.cycle_s, options.cdob, washout_rad_s)
         loop = case.loop(Design("", law), 1.0)
         held_n_m_s = model.wheel.damping_n_m_s + GRIPS[grip].damping_n_m_s
-        passive_s = max(0.0, held_n_m_s / gradient_n_m - 0.5 * cycle_s)
+        passive_s = max(0.0, held_n_m_s / gradient_n_m - 0.5 * model.cycle_s)
         jitter_s = tuple(tolerated_jitter_s(loop, at_ms / 1e3) for at_ms in options.jitter_at)
         unstable = unstable_round_trips(loop, UP_TO_S)
         rows.append(Row(gradient_n_m, grip, km_h, unstable, passive_s, jitter_s))
@@ -217,10 +241,15 @@ def _show_frontier(folder: Path, models: Sequence[Bench], title: str) -> int:
 
     found = [frontier(bench) for bench in models]
     marks = "F, I, J: shakes with friction, ice, jitter"
-    tables = [
-        _frontier_table(found, f"felt torque changed by [%], {title}; {marks}", _changed),
-        _frontier_table(found, "a change of the road felt after [ms]", _late),
-    ]
+    tables = []
+    for what, cell in (
+        (f"felt torque changed by [%], {title}; {marks}", _changed),
+        ("a change of the road felt after [ms]", _late),
+    ):
+        table = plain_table(("law",), [f"{1e3 * at_s:g} ms" for at_s in ROUND_TRIPS_S], what)
+        for lags, points in _lines(found, len(ROUND_TRIPS_S)):
+            table.add_row(_LAGGING if lags else points[0].law, *map(cell, points))
+        tables.append(table)
     record = [
         [point._asdict() | {"design": point.design and point.design.settings} for point in points]
         for points in found
@@ -233,19 +262,6 @@ def _show_frontier(folder: Path, models: Sequence[Bench], title: str) -> int:
     return ExitStatus.OK
 
 
-def _frontier_table(
-    models: Sequence[Sequence[Point]], title: str, cell: Callable[[Point], str]
-) -> Table:
-    """Return a line for each law, a column for each round trip; ``models`` as ``_table``."""
-    table = plain_table(("law",), [f"{1e3 * at_s:g} ms" for at_s in ROUND_TRIPS_S], title)
-    for first in range(0, len(models[0]), len(ROUND_TRIPS_S)):
-        name = models[0][first].law
-        for points in models:
-            table.add_row(name, *map(cell, points[first : first + len(ROUND_TRIPS_S)]))
-            name = _LAGGING
-    return table
-
-
 def _changed(point: Point) -> str:
     """Return the error, and the runs in which the wheel shakes."""
     marks = "".join(condition[0].upper() for condition in point.fails)
@@ -256,28 +272,35 @@ def _late(point: Point) -> str:
     return "never" if point.late_s == inf else f"{1e3 * point.late_s:.0f}"
 
 
-def _table(
+def _loops_table(
     models: Sequence[Sequence[Row]],
-    speeds_km_h: Sequence[float],
+    speeds: Sequence[str],
     title: str,
     cell: Callable[[Row], str],
     *,
     has_passive: bool = False,
 ) -> Table:
-    """Return a line for each torque gradient and grip, a column for each speed.
+    """Return a line for each torque gradient and grip, a column for each speed."""
 
-    ``models``  rows with tyres that follow at once, and, shown below, with tyres that lag
-    """
-    columns = [*(f"{v:g} km/h" for v in speeds_km_h), *["passive"] * has_passive]
+    columns = [*speeds, *["passive"] * has_passive]
     table = plain_table(("gradient [N m/rad]", "grip"), columns, title)
-    for first in range(0, len(models[0]), len(speeds_km_h)):
-        row = models[0][first]
-        names = f"{row.torque_gradient_n_m:g}", row.grip.replace("_", " ")
-        last = [f"{1e3 * row.passive_s:.0f}"] * has_passive
-        for rows in models:
-            table.add_row(*names, *map(cell, rows[first : first + len(speeds_km_h)]), *last)
-            names, last = ("", _LAGGING), []
+    for lags, rows in _lines(models, len(speeds)):
+        gradient, grip = f"{rows[0].torque_gradient_n_m:g}", rows[0].grip.replace("_", " ")
+        passive = [f"{1e3 * rows[0].passive_s:.0f}"] * (has_passive and not lags)
+        table.add_row(
+            "" if lags else gradient, _LAGGING if lags else grip, *map(cell, rows), *passive
+        )
     return table
+
+
+def _lines(models: Sequence[Sequence[R]], length: int) -> Iterator[tuple[bool, Sequence[R]]]:
+    """Yield the results of each line of a table, and whether their tyres lag.
+
+    ``models``  results with tyres that follow at once, and, a line below, with tyres that lag
+    """
+    for first in range(0, len(models[0]), length):
+        for place, results in enumerate(models):
+            yield place > 0, results[first : first + length]
 
 
 def _jitter_ms(place: int, row: Row) -> str:

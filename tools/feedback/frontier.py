@@ -13,7 +13,7 @@ the wheel passive for the largest gradient, and that of a passivity controller, 
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import islice, product
 from math import inf, pi, radians, sqrt
 from operator import itemgetter
@@ -23,18 +23,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steer_by_wire.closed_loop.pair.pair_result import rms
-from steer_by_wire.closed_loop.scripting.feedback import Rack, road_torque, spring_torque
+from steer_by_wire.closed_loop.scripting.feedback import (
+    Rack,
+    SampledFeedback,
+    UnstableRange,
+    road_torque,
+    sampled_feedback,
+    spring_torque,
+    unstable_round_trips,
+)
 from steer_by_wire.hand_wheel.analysis.sampled_laws import (
     PASS_THROUGH,
     SampledLaw,
     model_alone,
     sampled_cdob,
     sampled_dob,
-)
-from steer_by_wire.hand_wheel.analysis.sampled_loop import (
-    SampledFeedback,
-    sampled_feedback,
-    unstable_round_trips,
 )
 from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
 from steer_by_wire.plant_emulator.vehicle.car.settings import CarSettings
@@ -99,10 +102,6 @@ class Bench(NamedTuple):
         return held_wheel(self.wheel, GRIPS[self.grip])
 
 
-Ideals = Mapping[float, NDArray[np.complex128]]
-"""The road's torque over BAND_RAD_S for each factor of the gradient; 0 is that of a spring."""
-
-
 class Design(NamedTuple):
     """A law with settings, in words.
 
@@ -139,17 +138,14 @@ NONE_HOLDS = inf, inf, 0.0, None
 class Candidate:
     """A design on the bench; its figures are computed once, as they are needed."""
 
-    def __init__(self, bench: Bench, design: Design, ideals: Ideals) -> None:
-        self._bench, self.design, self._ideals = bench, design, ideals
+    def __init__(self, bench: Bench, design: Design) -> None:
+        self._bench, self.design = bench, design
 
     @cached_property
-    def _unstable(self) -> list[tuple[float, float]]:
-        bench, longest_s = self._bench, (1.0 + JITTER) * ROUND_TRIPS_S[-1]
-        return [
-            (part.start_s, inf if part.end_s is None else part.end_s)
-            for factor in GRADIENT_FACTORS
-            for part in unstable_round_trips(bench.loop(self.design, factor), longest_s)
-        ]
+    def _unstable(self) -> list[UnstableRange]:
+        longest_s = (1.0 + JITTER) * ROUND_TRIPS_S[-1]
+        loops = (self._bench.loop(self.design, factor) for factor in GRADIENT_FACTORS)
+        return [part for loop in loops for part in unstable_round_trips(loop, longest_s)]
 
     @cached_property
     def _responses(self) -> NDArray[np.complex128]:
@@ -158,7 +154,10 @@ class Candidate:
     def holds(self, round_trip_s: float) -> bool:
         """Whether the wheel is still at every round trip up to JITTER more."""
         last_s = (1.0 + JITTER) * round_trip_s
-        return all(last_s < low or high <= round_trip_s for low, high in self._unstable)
+        return all(
+            last_s < part.start_s or (part.end_s is not None and part.end_s <= round_trip_s)
+            for part in self._unstable
+        )
 
     def changed(self, round_trip_s: float) -> tuple[float, float]:
         """Return error and local share of the felt torque, at the worst gradient."""
@@ -166,11 +165,11 @@ class Candidate:
         wheel = self._bench.wheel
         moved = wheel.damping_n_m_s * 1j * BAND_RAD_S - wheel.inertia_kg_m2 * BAND_RAD_S**2
         local = by_angle + by_driver * moved
+        late = by_road * np.exp(-1j * BAND_RAD_S * round_trip_s)
         worst = 0.0, 0.0
         for factor in GRADIENT_FACTORS:
-            ideal = self._ideals[factor]
-            sent = self._ideals[0.0] if self.design.is_spring else ideal
-            road = by_road * sent * np.exp(-1j * BAND_RAD_S * round_trip_s)
+            ideal = _sent(self._bench, factor)
+            road = late * _sent(self._bench, 0.0 if self.design.is_spring else factor)
             felt = (local + road) / (1.0 - by_driver)
             share = rms(local) / (rms(local) + rms(road))
             worst = max(worst, (rms(felt - ideal) / rms(ideal), share))
@@ -198,14 +197,12 @@ def best_points(bench: Bench) -> Iterator[list[Point]]:
 
     The first of them changes the message least; one that no settings hold is a point too.
     """
-    roads = {0.0: bench.spring(), **{factor: bench.road(factor) for factor in GRADIENT_FACTORS}}
-    ideals = {factor: road_response(road, bench.cycle_s) for factor, road in roads.items()}
     for name, designs in _families(bench).items():
-        candidates = [Candidate(bench, design, ideals) for design in designs]
+        candidates = [Candidate(bench, design) for design in designs]
         for at_s in ROUND_TRIPS_S:
             yield _best(name, candidates, at_s)
     for at_s in ROUND_TRIPS_S:
-        candidates = [Candidate(bench, design, ideals) for design in _passive(bench, at_s)]
+        candidates = [Candidate(bench, design) for design in _passive(bench, at_s)]
         yield _best("passive damping", candidates, at_s)
 
 
@@ -307,6 +304,12 @@ def responses(
     size = len(law.c)
     states = np.linalg.solve(z[:, None, None] * np.eye(size) - law.a, law.b + 0j)
     return np.asarray((law.c @ states + law.d).T, np.complex128)
+
+
+@lru_cache
+def _sent(bench: Bench, factor: float) -> NDArray[np.complex128]:
+    """Return the road's torque at a multiple of the gradient, or for 0 that of a spring."""
+    return road_response(bench.road(factor) if factor else bench.spring(), bench.cycle_s)
 
 
 def road_response(road: LinearSystem, cycle_s: float) -> NDArray[np.complex128]:

@@ -1,12 +1,12 @@
 """Runs of many feedback loops at once, one a column: friction, a patch of ice, jitter, passivity.
 
-The loop is that of ``sampled_loop``, a cycle a step. Wheels without hands are kicked, and are still
-again at the end or not. A passivity controller damps as in ``feedback_laws.resist``.
+The loop is that of ``scripting.feedback``, a cycle a step. Wheels without hands are kicked, and are
+still again at the end or not. A passivity controller damps as in ``feedback_laws.resist``.
 """
 
 from collections.abc import Sequence
 from itertools import chain, product
-from math import nan
+from math import inf, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -73,21 +73,18 @@ def frontier(bench: Bench) -> list[Point]:
 
 def _passivity_points(bench: Bench) -> list[Point]:
     designs = list(passivity_controllers(bench))
-    cases = list(product(designs, ROUND_TRIPS_S, GRADIENT_FACTORS))
-    columns = [Column(*case[::2], case[1]) for case in cases]
-    all_columns = [each._replace(condition=c) for each in columns for c in ("", *CONDITIONS)]
-    still = iter(settle(bench, all_columns))
-    runs = [[next(still) for _ in range(len(CONDITIONS) + 1)] for _ in columns]
-    errors = changed_in_runs(bench, columns)
+    shape = len(designs), len(GRADIENT_FACTORS), len(ROUND_TRIPS_S)
+    columns = [Column(*case) for case in product(designs, GRADIENT_FACTORS, ROUND_TRIPS_S)]
+    everywhere = [each._replace(condition=c) for c in ("", *CONDITIONS) for each in columns]
+    is_still = np.reshape(settle(bench, everywhere), (-1, *shape)).all(axis=(0, 2))
+    worst = np.reshape(changed_in_runs(bench, columns), shape).max(axis=1)
+    changed = np.where(is_still, worst, inf)
     found = []
-    for at_s in ROUND_TRIPS_S:
-        points = [Point("passivity", at_s, *NONE_HOLDS)]
-        for design in designs:
-            own = [n for n, case in enumerate(cases) if case[0] is design and case[1] == at_s]
-            if all(all(runs[n]) for n in own):
-                changed = max(errors[n] for n in own)
-                points.append(Point(points[0].law, at_s, changed, 0.5 * at_s, nan, design))
-        found.append(min(points, key=lambda point: point.changed))
+    for trip, at_s in enumerate(ROUND_TRIPS_S):
+        best = int(changed[:, trip].argmin())
+        error = float(changed[best, trip])
+        known = NONE_HOLDS if error == inf else (error, 0.5 * at_s, nan, designs[best])
+        found.append(Point("passivity", at_s, *known))
     return found
 
 

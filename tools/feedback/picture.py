@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from itertools import groupby
+from math import isfinite
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -74,7 +75,8 @@ def _draw_laws(changed: Axes, late: Axes, points: Iterable[Point], title: str) -
     for law, each in groupby(points, lambda point: point.law):
         of_law = list(each)
         trips = [1e3 * point.round_trip_s for point in of_law]
-        changed.plot(trips, [1e2 * point.changed for point in of_law], marker=".", label=law)
+        label = law if any(isfinite(point.changed) for point in of_law) else None
+        changed.plot(trips, [1e2 * point.changed for point in of_law], marker=".", label=label)
         late.plot(trips, [1e3 * point.late_s for point in of_law], marker=".")
     for at_ms, words in FELT_LATE_MS.items():
         late.axhline(at_ms, color="0.6", linewidth=0.8)

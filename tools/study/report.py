@@ -125,14 +125,17 @@ def write(folder: Path) -> tuple[Path, list[str]]:
     of_wheel, lines = hand_wheel_section(study, rows)
     used_up = _grip(study, rows)
     sections = [
-        study_section(study, rows, used_up),
         *of_wheel,
+        study_section(study, rows, used_up),
         *reaction_sections(study, rows),
         *([] if found is None else [_laws(study, found, folder)]),
         comparison_section(study, rows),
     ]
     file = folder / PAGE
     verdict = f"{np.count_nonzero(held(rows)):,} of {len(rows['id']):,} runs hold the path"
+    if study.hand_wheels:
+        shake = np.count_nonzero(np.isfinite(rows["hand_wheel_shakes_hz"]))
+        verdict = f"the hand wheel shakes in {shake:,} of {len(rows['id']):,} runs"
     write_text(file, page(f"Study {study.settings.name}", sections, verdict))
     if found is None or not study.settings.report.largest_deviation:
         return file, [*lines, *used_up]

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.pair.pair_result import rms
-from steer_by_wire.closed_loop.scripting.feedback import Rack
+from steer_by_wire.closed_loop.scripting.feedback import Rack, unstable_round_trips
 from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob, sampled_dob
-from steer_by_wire.hand_wheel.analysis.sampled_loop import unstable_round_trips
 from steer_by_wire.hand_wheel.wheel import HandWheel
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 from steer_by_wire.tools.feedback import __main__ as program
