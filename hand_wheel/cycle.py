@@ -9,6 +9,7 @@ wheel follow the road wheels, and the order is the torque that the controller ad
 from math import isfinite
 from typing import NamedTuple
 
+from ..dbc.messages import Mode
 from .driver import DRIVER_AT_REST, DriverParams, DriverState, Sight, driver_step
 from .feedback_laws import (
     FEEDBACK_AT_REST,
@@ -19,6 +20,8 @@ from .feedback_laws import (
     resist,
 )
 from .wheel_step import Hands
+
+_ACTIVE, _HOLDING = int(Mode.ACTIVE), int(Mode.HOLDING)
 
 
 class CycleParams(NamedTuple):
@@ -46,7 +49,7 @@ class CycleInput(NamedTuple):
     ``late_rad``   angle that the driver wished by sight, a reaction time ago
     ``holds``      whether the driver's hands are on the wheel
     ``drives``     whether the driver steers, alone or together with the law
-    ``is_active``  whether the feedback law runs; ``share`` is its share of the torque
+    ``mode``       Mode, as a number; ``share`` is the law's share of the torque
     """
 
     late_rad: float
@@ -57,7 +60,7 @@ class CycleInput(NamedTuple):
     observed: FeedbackInput
     ratio: float
     order_n_m: float
-    is_active: bool
+    mode: int
     share: float
 
 
@@ -83,7 +86,7 @@ def cycle_step(p: CycleParams, x: CycleState, u: CycleInput) -> tuple[CycleState
         p.driver, x.driver, u.late_rad, u.sight, angle_rad, u.kick_n_m, u.holds, u.drives
     )
     feedback, law_n_m = x.feedback, x.law_n_m
-    if u.is_active:
+    if share > 0.0 or u.mode == _ACTIVE or u.mode == _HOLDING:
         feedback, against_n_m = feedback_step(p.law, p.feedback, feedback, observed)
         feedback, law_n_m = resist(p.feedback, feedback, against_n_m, rate_rad_s)
     felt_n_m = law_n_m

@@ -37,29 +37,23 @@ class FeedbackMode(NamedTuple):
     good_run: int
 
 
-class RoadEvidence(NamedTuple):
-    """What is known of the road.
-
-    ``arrival_ns``  when the newest message came [ns]; None before the first
-    ``is_needed``   whether the law reads messages of the road
-    ``own_fault``   whether the hand wheel has a fault of its own, which stays
-    """
-
-    arrival_ns: int | None
-    is_needed: bool
-    own_fault: bool
-
-
 def feedback_mode_step(
-    p: FeedbackSupervision, x: FeedbackMode, road: RoadEvidence, now_ns: int
+    p: FeedbackSupervision,
+    x: FeedbackMode,
+    age_ns: int | None,
+    now_ns: int,
+    *,
+    has_own_fault: bool = False,
 ) -> FeedbackMode:
-    """Take at most one transition; a hold begins without good messages."""
-    is_back = x.good_run >= p.recovery_frames or not road.is_needed
-    is_fresh = not road.is_needed
-    if road.arrival_ns is not None and now_ns - road.arrival_ns <= p.timeout_ns:
-        is_fresh = True
+    """Take at most one transition; a hold begins without good messages.
+
+    ``age_ns``         of the newest message of the road; None for a law that reads none
+    ``has_own_fault``  whether the hand wheel has a fault of its own, which stays
+    """
+    is_fresh = age_ns is None or age_ns <= p.timeout_ns
+    is_back = age_ns is None or x.good_run >= p.recovery_frames
     following = x.mode
-    if road.own_fault:
+    if has_own_fault:
         following = Mode.SAFE_STOP
     elif x.mode is Mode.WAITING:
         following = Mode.ACTIVE if is_fresh else Mode.WAITING

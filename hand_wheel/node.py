@@ -37,14 +37,14 @@ from ..dbc.messages import (
 from ..dbc.messages import Hands as HandsSeen
 from ..dbc.reception import Reception
 from ..runtime.frame import Frame
-from ..runtime.node import NS_PER_S, View
+from ..runtime.node import NEVER_NS, NS_PER_S, View
 from ..runtime.node.overruns import OverrunSupervision, overrun_rule
 from ..runtime.node.periodic import PeriodicTimer
 from ..runtime.node.statistics import DurationStatistics
 from .cycle import CYCLE_AT_REST, CycleInput, cycle_step, own_motion_rad
 from .driver import HANDS_OFF, ReactionTime, Sight, kicks_n_m
 from .feedback_laws import FEEDBACK_LAWS, FeedbackInput
-from .modes import FeedbackMode, RoadEvidence, feedback_mode_step, good_messages, share_step
+from .modes import FeedbackMode, feedback_mode_step, good_messages, share_step
 from .settings import HandWheelSettings
 from .shaking import WINDOW_S, Shaking, shaking, shaking_report
 from .wheel_step import AT_REST, Hands, wheel_step
@@ -65,9 +65,7 @@ _STEPS_MAX = 10_000
 _LAW_NS = 500_000_000
 """Without HAND_WHEEL_FEEDBACK for longer, the driver steers: chosen, as of the plant."""
 _REJECTED_COUNTERS = int(limits(HandWheelStatus)["rejected"].maximum) + 1
-_ANGLE_RANGE = limits(HandWheelState)["hand_wheel_angle_rad"]
-_RATE_RANGE = limits(HandWheelState)["hand_wheel_rate_rad_s"]
-_TORQUE_RANGE = limits(HandWheelState)["driver_torque_n_m"]
+_STATE_RANGES = [limits(HandWheelState)[name] for name in HandWheelState._fields]
 _APPLIED_RANGE = limits(HandWheelStatus)["applied_torque_n_m"]
 _NOT_FINITE = "the motion of the wheel was not finite"
 STEERED_BY_TEXTS: Mapping[SteeredBy, str] = {
@@ -123,13 +121,11 @@ class HandWheelNode:
         self._reception = Reception(RECEIVED, settings.counters, SENT)
         self._unauthenticated = 0
         self._wheel_params, self._wheel = settings.wheel_params, AT_REST
-        self._law = FEEDBACK_LAWS[settings.feedback.law]
-        self.cycle_params, self._cycle = settings.cycle_params, CYCLE_AT_REST
+        self._cycle = CYCLE_AT_REST
+        self._choose_law()
         self._kicks, self._let_go_ns = settings.kicks, settings.let_go_ns
         self._late = ReactionTime(self.cycle_params.driver.two_point.reaction)
         self._hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
-        reads = self._law.reads
-        self._road = None if reads is None else self._reception.newest(reads)
         self._orders = self._reception.newest(HandWheelFeedback)
         self._mode_params = settings.mode_params
         self._mode = FeedbackMode(Mode.WAITING, start_ns, 0)
@@ -170,7 +166,7 @@ class HandWheelNode:
             )
         elif isinstance(message, HandWheelFeedback):
             self._on_orders(message, now_ns)
-        if self._law.reads is not None and isinstance(message, self._law.reads):
+        if self._reads is not None and isinstance(message, self._reads):
             self._mode = good_messages(self._mode_params, self._mode, before_ns, now_ns)
         return ()
 
@@ -178,9 +174,12 @@ class HandWheelNode:
         """Change values of [feedback] from the next cycle on; takes some milliseconds."""
         feedback = self._settings.feedback.model_copy(update=changes)
         self._settings = self._settings.model_copy(update={"feedback": feedback})
-        self._law, self.cycle_params = FEEDBACK_LAWS[feedback.law], self._settings.cycle_params
-        reads = self._law.reads
-        self._road = None if reads is None else self._reception.newest(reads)
+        self._choose_law()
+
+    def _choose_law(self) -> None:
+        self.cycle_params = self._settings.cycle_params
+        self._reads = FEEDBACK_LAWS[self._settings.feedback.law].reads
+        self._road = None if self._reads is None else self._reception.newest(self._reads)
 
     def on_unauthenticated(self) -> None:
         """Count a frame that was refused before the node."""
@@ -294,10 +293,12 @@ class HandWheelNode:
 
     def _decide(self, due_ns: int, now_ns: int) -> None:
         """Let mode table, law and driver decide for the cycle that begins."""
-        arrival_ns = None if self._road is None else self._road.arrival_ns
-        evidence = RoadEvidence(arrival_ns, self._road is not None, self._failure != "")
-        before = self._mode
-        self._mode = feedback_mode_step(self._mode_params, before, evidence, now_ns)
+        road, before, age_ns = self._road, self._mode, None
+        if road is not None:
+            age_ns = NEVER_NS if road.arrival_ns is None else now_ns - road.arrival_ns
+        self._mode = feedback_mode_step(
+            self._mode_params, before, age_ns, now_ns, has_own_fault=self._failure != ""
+        )
         mode = self._mode.mode
         if mode is not before.mode:
             self._entered[mode] += 1
@@ -317,7 +318,7 @@ class HandWheelNode:
             self._ratio,
             # The assist of the law needs no road, only a wheel that is sound.
             self._ordered_n_m * (self._share if self._failure else 1.0),
-            mode in (Mode.ACTIVE, Mode.HOLDING) or self._share > 0.0,
+            mode,
             self._share,
         )
         self._cycle, hands, self._told_n_m = cycle_step(self.cycle_params, self._cycle, inputs)
@@ -328,11 +329,8 @@ class HandWheelNode:
     def _state_frame(self, now_ns: int) -> Frame:
         wheel = self._wheel
         self._sent_ns[self._states.counter] = now_ns
-        state = HandWheelState(
-            hand_wheel_angle_rad=self._within(wheel.angle_rad, _ANGLE_RANGE),
-            hand_wheel_rate_rad_s=self._within(wheel.rate_rad_s, _RATE_RANGE),
-            driver_torque_n_m=self._within(wheel.driver_torque_n_m, _TORQUE_RANGE),
-        )
+        motion = wheel.angle_rad, wheel.rate_rad_s, wheel.driver_torque_n_m
+        state = HandWheelState(*map(self._within, motion, _STATE_RANGES))
         return self._states.frame(state)
 
     def _status_frame(self, now_ns: int) -> Frame:

@@ -23,7 +23,6 @@ from ...controller.who_steers import (
 from ...dbc.messages import (
     HandWheelFeedback,
     HandWheelState,
-    Mode,
     SteeredBy,
     SteeringForce,
     SteeringStatusCode,
@@ -43,7 +42,7 @@ from ...hand_wheel.shaking import Shaking, shaking
 from ...hand_wheel.wheel_step import AT_REST, Hands, WheelParams, WheelState, wheel_step
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.control_unit import status_of
-from ...plant_emulator.steering.hand_wheel import SILENCE_NS
+from ...plant_emulator.steering.hand_wheel import Heard, driver_steers, heard_step
 from ...plant_emulator.vehicle.motion_choice import MOTIONS
 from ...plant_emulator.vehicle.motion_parameters import vehicle_params
 from ...plant_emulator.vehicle.single_track_model import VehicleParams
@@ -53,6 +52,7 @@ from ...runtime.settings import SettingsError
 from .hand_wheel_events import Event, WheelEvents
 from .inlined_functions import INLINE
 from .law_input import (
+    Uplink,
     curvature_on_wire_1_m,
     heading_on_wire_rad,
     on_wire,
@@ -70,9 +70,9 @@ if TYPE_CHECKING:
 
 _ARRIVAL, _FORCE, _ANSWER, _CYCLE, _STATE = map(int, Event)
 _LAW, _DRIVER, _BOTH = int(SteeredBy.LAW), int(SteeredBy.DRIVER), int(SteeredBy.BOTH)
-_ACTIVE, _HOLDING = int(Mode.ACTIVE), int(Mode.HOLDING)
+_LATERAL_ERROR, _STEERING_STATUS, _VEHICLE_STATE, _, _STEERING_FORCE = map(int, Uplink)
 _APPLYING = int(SteeringStatusCode.APPLYING)
-_SILENCE_NS, _NEVER_NS = SILENCE_NS, NEVER_NS
+_NEVER_NS = NEVER_NS
 _ANGLE_RAD = wire(HandWheelState, "hand_wheel_angle_rad")
 _RATE_RAD_S = wire(HandWheelState, "hand_wheel_rate_rad_s")
 _TORQUE_N_M = wire(HandWheelState, "driver_torque_n_m")
@@ -121,7 +121,7 @@ class Wheel(NamedTuple):
     @property
     def heard_n(self) -> FloatArray:
         """Force on the rack at each cycle as it was last heard; NaN for a law that reads none."""
-        newest = self.events.force_sample[: self.cycles_done]
+        newest = self.events.in_use[_STEERING_FORCE, : self.cycles_done]
         reads = [*FEEDBACK_LAWS.values()][self.cycle.law].reads
         return np.append(self.force_n, 0.0)[newest] if reads else np.full(len(newest), np.nan)
 
@@ -140,15 +140,8 @@ class WheelProgress(NamedTuple):
     rested: int
     hands: Hands
     told_n_m: float
-    plant: "PlantHeard"
+    plant: Heard
     who: "WhoSteers"
-
-
-class PlantHeard(NamedTuple):
-    """Until when the plant takes the law for the one who steers, and the steering ratio."""
-
-    law_until_ns: int
-    ratio: float
 
 
 class WhoSteers(NamedTuple):
@@ -166,6 +159,7 @@ def _designed(settings: "HandWheelSettings") -> tuple[WheelParams, CycleParams]:
 @cache
 def _register_steps() -> None:
     register(cycle_step, wheel_step, steering_step, assist_step, own_motion_rad)
+    register(heard_step, driver_steers)
     for motion in MOTIONS.values():
         register(motion.rack_force_n, motion.is_limited)
 
@@ -237,7 +231,7 @@ def shaking_of(w: Wheel) -> Shaking | None:
 
 def _start(w: Wheel) -> WheelProgress:
     hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
-    heard, who = PlantHeard(0, w.first_ratio), WhoSteers(Steering(_LAW, 0), 0.0)
+    heard, who = Heard(0, w.first_ratio), WhoSteers(Steering(_LAW, 0), 0.0)
     return WheelProgress(0, AT_REST, CYCLE_AT_REST, 0, hands, 0.0, heard, who)
 
 
@@ -269,7 +263,7 @@ def is_steering(w: Wheel, x: WheelProgress, now_ns: int) -> bool:
     """Whether the event is an angle of the hand wheel that acts."""
     kind = w.events.kind[x.event]
     is_state = kind == _STATE or (kind == _ARRIVAL and w.events.is_state[x.event] != 0)
-    return is_state and driver_steers(x, now_ns)
+    return is_state and driver_steers(x.plant, now_ns)
 
 
 @register_jitable(**INLINE)
@@ -284,15 +278,9 @@ def _angle_on_wire_rad(w: Wheel, cycle: int) -> float:
 
 
 @register_jitable(**INLINE)
-def driver_steers(x: WheelProgress, now_ns: int) -> bool:
-    """Whether the plant takes commands for an echo alone."""
-    return now_ns >= x.plant.law_until_ns
-
-
-@register_jitable(**INLINE)
 def is_drivers(x: WheelProgress, p: Any, z: Any, guard: Any, now_ns: int) -> bool:
     """Whether STEERING_STATUS says DRIVER_STEERS."""
-    return driver_steers(x, now_ns) and status_of(guard, _is_limited(p, z)) == _APPLYING
+    return driver_steers(x.plant, now_ns) and status_of(guard, _is_limited(p, z)) == _APPLYING
 
 
 @register_jitable(**INLINE)
@@ -316,7 +304,7 @@ def after_event(w: Wheel, r: Any, x: WheelProgress, now_ns: int) -> WheelProgres
     if kind == _CYCLE:
         return _run_cycle(w, r, x, number)
     if kind == _ANSWER or (kind == _ARRIVAL and e.is_state[at] == 0):
-        heard = PlantHeard(now_ns + _SILENCE_NS if w.steered_by[number] == _LAW else 0, w.ratio)
+        heard = heard_step(heard, w.steered_by[number], w.ratio, now_ns)
     return WheelProgress(at + 1, x.wheel, x.cycle, x.rested, x.hands, x.told_n_m, heard, x.who)
 
 
@@ -329,20 +317,21 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
             wheel = wheel_step(w.params, wheel, x.told_n_m, x.hands)
     tick = e.cycle_tick[cycle]
     error_m = heading_rad = curvature_1_m = road_wheel_rad = force_n = 0.0
-    speed_m_s, sample = w.speed_m_s, e.error_sample[cycle]
+    speed_m_s, sample = w.speed_m_s, e.in_use[_LATERAL_ERROR, cycle]
     if sample >= 0:
         error_m = r.samples[MEASURED, sample]
         heading_rad = heading_on_wire_rad(r.samples[HEADING, sample], e.heading_noise_rad[sample])
-    sample = e.vehicle_sample[cycle]
+    sample = e.in_use[_VEHICLE_STATE, cycle]
     if sample >= 0:
         curvature_1_m = curvature_on_wire_1_m(r.samples[CURVATURE, sample])
         speed_m_s = speed_on_wire_m_s(r.samples[SPEED, sample])
-    sample = e.status_sample[cycle]
+    sample = e.in_use[_STEERING_STATUS, cycle]
     if sample >= 0:
         road_wheel_rad = wheel_on_wire_rad(r.samples[WHEEL, sample])
-    if e.force_sample[cycle] >= 0:
-        force_n = w.force_n[e.force_sample[cycle]]
-    reaction, share, mode = max(w.cycle.driver.two_point.reaction, 1), e.share[cycle], e.mode[cycle]
+    sample = e.in_use[_STEERING_FORCE, cycle]
+    if sample >= 0:
+        force_n = w.force_n[sample]
+    reaction = max(w.cycle.driver.two_point.reaction, 1)
     known = CycleInput(
         w.by_sight_rad[max(cycle + 1 - reaction, x.rested)],
         Sight(error_m, heading_rad, curvature_1_m, speed_m_s, w.preview_m),
@@ -352,8 +341,8 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
         FeedbackInput(wheel.angle_rad, wheel.rate_rad_s, force_n, road_wheel_rad),
         w.ratio,
         w.order_n_m[tick],
-        mode in (_ACTIVE, _HOLDING) or share > 0.0,
-        share,
+        e.mode[cycle],
+        e.share[cycle],
     )
     state, hands, told_n_m = cycle_step(w.cycle, x.cycle, known)
     w.by_sight_rad[cycle + 1] = state.driver.by_sight_rad

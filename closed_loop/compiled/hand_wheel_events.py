@@ -15,28 +15,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...dbc.messages import Message, Mode, SteeringForce, SteeringStatus
+from ...dbc.messages import Mode, SteeringForce
 from ...hand_wheel.driver import kicks_n_m
 from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
-from ...hand_wheel.modes import (
-    FeedbackMode,
-    RoadEvidence,
-    feedback_mode_step,
-    good_messages,
-    share_step,
-)
+from ...hand_wheel.modes import FeedbackMode, feedback_mode_step, good_messages, share_step
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
+from ...runtime.node import NEVER_NS
 from .law_input import Uplink
-from .network import Arrivals, ToPlant, arrivals_of, sensor_noise
+from .network import UPLINKS, Arrivals, ToPlant, arrivals_of, in_use_at, sensor_noise
 
 if TYPE_CHECKING:
     from ...hand_wheel.settings import HandWheelSettings
-
-_READS: dict[type[Message], Uplink] = {
-    SteeringForce: Uplink.STEERING_FORCE,
-    SteeringStatus: Uplink.STEERING_STATUS,
-}
 
 
 class Event(IntEnum):
@@ -60,7 +50,7 @@ class WheelEvents(NamedTuple):
     ``is_state``      whether an arrival is that of a HAND_WHEEL_STATE
     ``commands``      how many commands arrive before an ARRIVAL
     ``ticks``         how many control ticks come before an event
-    ``force_sample``  reading of the force that is in use at each cycle; the next three likewise
+    ``in_use``        sample of each ``Uplink`` that is in use at each cycle, and of the force
     ``tick_cycle``    newest cycle that the controller has heard of at each tick
     ``tick_wheel``    sample whose STEERING_STATUS is the newest at each tick
     ``mode``, ``share``, ``kick_n_m``, ``cycle_tick``  at each cycle; the last is the newest tick
@@ -72,10 +62,7 @@ class WheelEvents(NamedTuple):
     is_state: IntArray
     commands: IntArray
     ticks: IntArray
-    force_sample: IntArray
-    status_sample: IntArray
-    error_sample: IntArray
-    vehicle_sample: IntArray
+    in_use: IntArray
     tick_cycle: IntArray
     tick_wheel: IntArray
     mode: IntArray
@@ -120,30 +107,15 @@ def wheel_events(
         np.searchsorted(tick_ns, ns, side="left"),
         np.searchsorted(tick_ns, ns, side="right"),
     )
-    arrivals: dict[Uplink, Arrivals] = {
-        message: arrivals_of(message, plant, wheel.counters, samples, 0)
-        for message in Uplink
-        if message is not Uplink.PATH_AHEAD
-    }
-    in_use = {
-        message: np.append(-1, came.sample)[
-            np.searchsorted(came.arrival_ns, cycle_ns, side="right")
-        ]
-        for message, came in arrivals.items()
-    }
+    arrivals = [arrivals_of(each, plant, wheel.counters, samples, 0) for each in Uplink]
     reads = FEEDBACK_LAWS[wheel.feedback.law].reads
-    road_ns = None if reads is None else arrivals[_READS[reads]].arrival_ns
+    road_ns = None if reads is None else arrivals[UPLINKS[reads]].arrival_ns
     mode, share = _modes(wheel, road_ns, cycle_ns)
     return WheelEvents(
         ns, kinds, of, is_state, commands, ticks,
-        in_use[Uplink.STEERING_FORCE],
-        in_use[Uplink.STEERING_STATUS],
-        in_use[Uplink.LATERAL_ERROR],
-        in_use[Uplink.VEHICLE_STATE],
+        np.array([in_use_at(each, cycle_ns) for each in arrivals]),
         np.searchsorted(cycle_ns, tick_ns, side="left") - 1,
-        np.append(-1, statuses.sample)[
-            np.searchsorted(statuses.arrival_ns, tick_ns, side="right")
-        ],
+        in_use_at(statuses, tick_ns),
         mode,
         share,
         kicks_n_m(wheel.kicks, cycle_ns) + np.zeros(len(cycle_ns)),
@@ -166,7 +138,7 @@ def felt_delay_s(plant: PlantSettings, wheel: "HandWheelSettings", events: Wheel
     if reads is None:
         return nan
     is_force = reads is SteeringForce
-    in_use = events.force_sample if is_force else events.status_sample
+    in_use = events.in_use[UPLINKS[reads]]
     period_ns = plant.force_period_ns if is_force else plant.sensor_period_ns
     is_state = (events.kind == Event.STATE) | (events.is_state != 0)
     # The sensors come before an angle that arrives without latency, after any other one.
@@ -197,7 +169,8 @@ def _modes(
         for at_ns in road_ns[done:count].tolist():
             x, before_ns = good_messages(rule, x, before_ns, at_ns), at_ns
         done, before = count, x.mode
-        x = feedback_mode_step(rule, x, RoadEvidence(before_ns, True, False), now_ns)
+        age_ns = NEVER_NS if before_ns is None else now_ns - before_ns
+        x = feedback_mode_step(rule, x, age_ns, now_ns)
         share = share_step(share, before, x.mode, step)
         codes.append(int(x.mode))
         shares.append(share)

@@ -26,6 +26,7 @@ from ...controller.law_interface import NO_HISTORY, VehicleReading
 from ...controller.limits.fades_and_ramps import difference_step, ramp_step
 from ...controller.limits.steer_limits import limit_step
 from ...dbc.messages import Mode
+from ...plant_emulator.steering.hand_wheel import driver_steers
 from ...plant_emulator.steering.hold_and_fallback import (
     NO_PATH,
     GuardMode,
@@ -41,7 +42,6 @@ from .compilation import compiled_unchecked
 from .hand_wheel import (
     after_event,
     decide,
-    driver_steers,
     is_drivers,
     is_steering,
     is_turn,
@@ -114,7 +114,7 @@ from .step_functions import (
     start_motion,
 )
 
-register(limit_step, difference_step, ramp_step, is_overruled)
+register(limit_step, difference_step, ramp_step, is_overruled, driver_steers)
 register(start_guard, guard_command, guard_timer, guard_wheel)
 
 COMPLETE, LEFT_RANGE, LAW_FAILED, IS_OVERRULED, SPEED_CHANGED, TAKEN_OVER = range(6)
@@ -240,7 +240,7 @@ def _plant_until(
             motion_ns = max(at_ns - c.motion_start_ns, 0)
             is_echoed = False
             if wheel is not None and not turns_wheel:
-                is_echoed = driver_steers(hands, at_ns)
+                is_echoed = driver_steers(hands.plant, at_ns)
             if not is_echoed:
                 guard, steers = guard_command(c.guard, guard, command_rad, motion_ns, has_come)
             if steers or is_echoed:

@@ -242,6 +242,7 @@ _MESSAGES: dict[Uplink, type[Message]] = {
     Uplink.PATH_AHEAD: PathAhead,
     Uplink.STEERING_FORCE: SteeringForce,
 }
+UPLINKS = {kind: message for message, kind in _MESSAGES.items()}
 
 
 class Arrivals(NamedTuple):
@@ -267,6 +268,12 @@ class ToPlant(NamedTuple):
     kind: IntArray
     number: IntArray
     latency_ns: IntArray
+
+
+def in_use_at(arrivals: Arrivals, at_ns: IntArray) -> IntArray:
+    """Return the sample of the newest frame at each time, -1 for none."""
+    newest = np.searchsorted(arrivals.arrival_ns, at_ns, side="right")
+    return np.append(-1, arrivals.sample)[newest]
 
 
 def arrivals_of(

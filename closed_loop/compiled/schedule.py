@@ -26,7 +26,7 @@ from ...runtime.node import NEVER_NS, NS_PER_S
 from .hand_wheel_events import WheelEvents, wheel_events
 from .law_input import Uplink, quantised
 from .loop_records import Inbox, Instants, Segment
-from .network import Arrivals, arrivals_of, sensor_noise, to_plant_of
+from .network import Arrivals, arrivals_of, in_use_at, sensor_noise, to_plant_of
 from .step_functions import register_steps
 
 if TYPE_CHECKING:
@@ -89,9 +89,9 @@ class Measurements:
     def _in_use(self, message: Uplink) -> tuple[IntArray, IntArray]:
         """Return the sample of the newest message at each tick, -1 for none, and its age [ns]."""
         arrivals = self.arrivals(message)
-        in_use = np.searchsorted(arrivals.arrival_ns, self._tick_ns, side="right")
-        age_ns = self._tick_ns - np.append(0, arrivals.arrival_ns)[in_use]
-        return np.append(-1, arrivals.sample)[in_use], age_ns
+        newest = np.searchsorted(arrivals.arrival_ns, self._tick_ns, side="right")
+        age_ns = self._tick_ns - np.append(0, arrivals.arrival_ns)[newest]
+        return in_use_at(arrivals, self._tick_ns), age_ns
 
     @cached_property
     def vehicle_in_use(self) -> IntArray:

@@ -23,6 +23,7 @@ from ..who_steers import (
 class DriverLink:
     """Decides who steers, once each control period.
 
+    ``newest``      what was heard of the driver last
     ``steered_by``  since the last decision
     ``changes``     how often each has begun to steer
     """
@@ -34,8 +35,8 @@ class DriverLink:
         self._rule, self._assist = steering_rule(settings), assist_rule(settings, period_s)
         self._check = reception.newest(HandWheelState)
         self._steering = Steering(int(SteeredBy.LAW), start_ns)
-        self._torque_n_m = self._share = self._assist_n_m = 0.0
-        self._angle_rad = self._rate_rad_s = 0.0
+        self._share = self._assist_n_m = 0.0
+        self.newest = HandWheelState(0.0, 0.0, 0.0)
         self._sender = Sender(HandWheelFeedback)
         self.changes: Counter[str] = Counter()
 
@@ -48,24 +49,19 @@ class DriverLink:
         """Return who steers at the end, and how often each has begun to."""
         return {"steered_by": self.steered_by.name.lower(), "changes": dict(self.changes)}
 
-    def on_state(self, message: HandWheelState) -> None:
-        """Store the driver's torque and the motion of the wheel."""
-        self._torque_n_m = message.driver_torque_n_m
-        self._angle_rad = message.hand_wheel_angle_rad
-        self._rate_rad_s = message.hand_wheel_rate_rad_s
-
     def decide(self, now_ns: int, law_rad: float, *, can_steer: bool) -> SteeredBy:
         """Return who steers from now on; ``can_steer``: whether the law can, with its command."""
         before, arrival_ns = self._steering, self._check.arrival_ns
         age_ns = NEVER_NS if arrival_ns is None else now_ns - arrival_ns
-        after = steering_step(self._rule, before, self._torque_n_m, age_ns, now_ns, can_steer)
+        angle_rad, rate_rad_s, torque_n_m = self.newest
+        after = steering_step(self._rule, before, torque_n_m, age_ns, now_ns, can_steer)
         steered_by = SteeredBy(after.steered_by)
         if steered_by != before.steered_by:
             self.changes[steered_by.name.lower()] += 1
         self._steering = after
-        motion = self._angle_rad, self._rate_rad_s
+        is_both = steered_by is SteeredBy.BOTH
         self._share, self._assist_n_m = assist_step(
-            self._assist, self._share, steered_by is SteeredBy.BOTH, law_rad, *motion
+            self._assist, self._share, is_both, law_rad, angle_rad, rate_rad_s
         )
         return steered_by
 

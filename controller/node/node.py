@@ -161,7 +161,7 @@ class ControllerNode:
         elif type(message) is PathAhead and read is not None:
             read.on_path(message, received.vehicle.speed_m_s)
         elif type(message) is HandWheelState and self._driver is not None:
-            self._driver.on_state(message)
+            self._driver.newest = message
         elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
             self._supervisor.on_rejection()
         return ()

@@ -66,7 +66,7 @@ from ..path.path import Path
 from ..sensors.sampling import Sampling
 from ..settings import PlantSettings, plant_motion_params
 from ..steering.control_unit import SteeringUnit
-from ..steering.hand_wheel import HandWheelLink
+from ..steering.hand_wheel import Heard, driver_steers, heard_step
 from ..steering.hold_and_fallback import NO_PATH, GuardMode, PathSeen
 from ..steering.plan_buffer import PlanBuffer
 from ..steering.settings import design_guard
@@ -150,7 +150,7 @@ class PlantNode:
         received = RECEIVED if settings.hand_wheel is None else (*RECEIVED, *OF_HAND_WHEEL)
         self._reception = Reception(received, settings.counters, SENT)
         table = settings.hand_wheel
-        self._hand_wheel = None if table is None else HandWheelLink(table)
+        self._heard = None if table is None else Heard(0, table.steering_ratio)
         force_ns = settings.force_period_ns
         self._force_timer = PeriodicTimer(start_ns, force_ns) if force_ns else None
         self._vehicle = vehicle_params(settings.vehicle)
@@ -398,25 +398,25 @@ class PlantNode:
 
     def _apply(self, due_ns: int) -> None:
         for left_ns, came_ns, ((_, released),) in self._network.downlink.pop_due(due_ns):
-            latency_s, wheel = (left_ns - came_ns) * 1e-9, self._hand_wheel
+            latency_s, heard = (left_ns - came_ns) * 1e-9, self._heard
             if type(released) is SteeringCommand:
                 self._plans.plan = None
                 self._follow(released, latency_s, due_ns)
             elif type(released) is SteeringPlan:  # it acts from the next sample on
                 self._plans.on_plan(released, latency_s)
-            elif wheel is None:
+            elif heard is None:
                 continue
             elif isinstance(released, HandWheelFeedback):
-                wheel.on_feedback(released, due_ns)
-            elif isinstance(released, HandWheelState) and wheel.driver_steers(due_ns):
-                self._steer(wheel.steer_rad(released), due_ns)
+                ratio = released.steering_ratio
+                self._heard = heard_step(heard, released.steered_by, ratio, due_ns)
+            elif isinstance(released, HandWheelState) and driver_steers(heard, due_ns):
+                self._steer(released.hand_wheel_angle_rad / heard.ratio, due_ns)
 
     def _follow(
         self, command: SteeringCommand, latency_s: float, due_ns: int, *, is_new: bool = True
     ) -> None:
         """Process a command at ``due_ns``; while the driver steers, it is echoed alone."""
-        wheel = self._hand_wheel
-        is_echoed = wheel is not None and wheel.driver_steers(due_ns)
+        is_echoed = self._heard is not None and driver_steers(self._heard, due_ns)
         if is_echoed or self._steer(command.steer_rad, due_ns, is_new):
             self._command, self._command_latency_s = command, latency_s
 
@@ -467,8 +467,7 @@ class PlantNode:
             self.finished = self.finished or not brakes or motion.speed_m_s == 0.0
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(is_limited)
-        wheel = self._hand_wheel
-        if wheel is not None and code is _APPLYING and wheel.driver_steers(time_ns):
+        if code is _APPLYING and self._heard is not None and driver_steers(self._heard, time_ns):
             code = SteeringStatusCode.DRIVER_STEERS
         self._sampling.send(applied, code, time_ns, motion_ns)
 

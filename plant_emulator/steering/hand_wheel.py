@@ -5,11 +5,14 @@ SILENCE_NS, the driver steers. Both messages come through the latency of command
 acts through the same guard as a command.
 """
 
+from typing import NamedTuple
+
 from pydantic import Field
 
-from ...dbc.messages import HandWheelFeedback, HandWheelState, SteeredBy
+from ...dbc.messages import SteeredBy
 from ...runtime.settings import Settings
 
+_LAW = int(SteeredBy.LAW)
 SILENCE_NS = 500_000_000
 """Chosen; the hand wheel waits as long."""
 
@@ -21,24 +24,19 @@ class HandWheelSettings(Settings):
     """Angle of the hand wheel over that of the road wheels, until HAND_WHEEL_FEEDBACK says it."""
 
 
-class HandWheelLink:
-    """Keeps what the controller said last."""
+class Heard(NamedTuple):
+    """Until when the law steers [ns], by what the controller said last, and the steering ratio."""
 
-    def __init__(self, settings: HandWheelSettings) -> None:
-        self._law_until_ns = 0
-        self._ratio = settings.steering_ratio
+    law_until_ns: int
+    ratio: float
 
-    def driver_steers(self, now_ns: int) -> bool:
-        """Whether HAND_WHEEL_STATE sets the target of the wheels, and no command."""
-        return now_ns >= self._law_until_ns
 
-    def on_feedback(self, message: HandWheelFeedback, now_ns: int) -> None:
-        """Process who steers, and the ratio."""
-        is_law = message.steered_by is SteeredBy.LAW
-        self._law_until_ns = now_ns + SILENCE_NS if is_law else 0
-        if message.steering_ratio >= 1.0:
-            self._ratio = message.steering_ratio
+def heard_step(x: Heard, steered_by: int, ratio: float, now_ns: int) -> Heard:
+    """Process who steers, and the ratio, of a HAND_WHEEL_FEEDBACK."""
+    law_until_ns = now_ns + SILENCE_NS if steered_by == _LAW else 0
+    return Heard(law_until_ns, ratio if ratio >= 1.0 else x.ratio)
 
-    def steer_rad(self, state: HandWheelState) -> float:
-        """Return the angle of the road wheels that the driver asks for."""
-        return state.hand_wheel_angle_rad / self._ratio
+
+def driver_steers(x: Heard, now_ns: int) -> bool:
+    """Whether HAND_WHEEL_STATE sets the target of the wheels, and no command."""
+    return now_ns >= x.law_until_ns

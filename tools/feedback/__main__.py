@@ -87,10 +87,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="the plant preset whose [vehicle] is taken (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--tyre-lag", action="store_true",
-        help="of a car, show tyres that lag alone",
-    )  # fmt: skip
-    parser.add_argument(
         "--torque-gradients", type=_numbers(0.01, 1000.0, "N m/rad"), default=[3.0, 6.0, 12.0],
         metavar="N_M,...", help="torque per angle of the hand wheel (default: 3,6,12)",
     )  # fmt: skip
@@ -98,35 +94,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--speeds-km-h", type=_numbers(1.0, 250.0, "km/h"), default=[30.0, 80.0, 130.0],
         metavar="KM_H,...", help="default: 30,80,130",
     )  # fmt: skip
-    wheel, rack = HandWheel(), Rack()
-    for option, default, high, unit, what in (
-        ("--cycle-ms", 1.0, 100.0, "ms", "cycle of the feedback"),
-        ("--damping", wheel.damping_n_m_s, 100.0, "N m s/rad", "damping of the hand wheel"),
-        ("--inertia", wheel.inertia_kg_m2, 10.0, "kg m2", "inertia of the hand wheel"),
-        ("--torque-sensor", wheel.sensor_n_m_rad, 1e4, "N m/rad", "its stiffness; 0 is rigid"),
-        ("--rack-hz", rack.bandwidth_hz, 100.0, "Hz", "bandwidth of the rack's servo"),
-        ("--ratio", rack.steering_ratio, 100.0, "", "hand wheel angle per road wheel angle"),
-    ):
-        parser.add_argument(
-            option, type=number(1e-3, high, unit), default=default, metavar="VALUE",
-            help=f"{what}{f' [{unit}]' if unit else ''} (default: %(default)g)",
-        )  # fmt: skip
-    parser.add_argument(
-        "--lag-ms", type=number(0.001, 1000.0, "ms"), metavar="MS",
-        help="let a lag of first order stand for the rack's servo, as [actuator] of a plant",
-    )  # fmt: skip
     parser.add_argument(
         "--jitter-at", type=_numbers(0.0, 2000.0, "ms"), default=[], metavar="MS,...",
         help="show how much longer than these a round trip may be, from frame to frame",
     )  # fmt: skip
-    parser.add_argument(
-        "--cdob", type=number(0.1, 1000.0, "rad/s"), metavar="RAD_S",
-        help="add a communication disturbance observer of this bandwidth at the wheel",
-    )  # fmt: skip
-    parser.add_argument(
-        "--washout", type=number(0.0, 100.0, "rad/s"), metavar="RAD_S",
-        help=f"of the observer; slower torque is the road's alone (default: {_WASHOUT_RAD_S:g})",
-    )  # fmt: skip
+    wheel, rack = HandWheel(), Rack()
+    for option, default, low, high, unit, what in (
+        ("--cycle-ms", 1.0, 1e-3, 100.0, "ms", "cycle of the feedback"),
+        ("--damping", wheel.damping_n_m_s, 1e-3, 100.0, "N m s/rad", "damping of the hand wheel"),
+        ("--inertia", wheel.inertia_kg_m2, 1e-3, 10.0, "kg m2", "inertia of the hand wheel"),
+        ("--torque-sensor", wheel.sensor_n_m_rad, 1e-3, 1e4, "N m/rad", "its stiffness"),
+        ("--rack-hz", rack.bandwidth_hz, 1e-3, 100.0, "Hz", "bandwidth of the rack's servo"),
+        ("--lag-ms", None, 1e-3, 1e3, "ms", "in its place, a lag as [actuator] of a plant"),
+        ("--ratio", rack.steering_ratio, 1e-3, 100.0, "1", "hand wheel angle per road wheel angle"),
+        ("--cdob", None, 0.1, 1e3, "rad/s", "bandwidth of a communication disturbance observer"),
+        ("--washout", _WASHOUT_RAD_S, 0.0, 100.0, "rad/s", "of it: slower torque is the road's"),
+        ("--torque-noise", _NOISE_N_M, 1e-3, 10.0, "N m", "that a law of the frontier may make"),
+    ):
+        parser.add_argument(
+            option, type=number(low, high, unit), default=default, metavar="VALUE",
+            help=f"{what} [{unit}]" + (default is not None) * " (default: %(default)g)",
+        )  # fmt: skip
     parser.add_argument(
         "--plot", type=_png_file, metavar="FILE.png",
         help="draw the first unstable round trip over the torque gradient",
@@ -135,10 +123,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--frontier", type=Path, metavar="DIR",
         help="compare the feedback laws instead; writes frontier.png and frontier.json there",
     )  # fmt: skip
-    parser.add_argument(
-        "--torque-noise", type=number(0.001, 10.0, "N m"), metavar="N_M",
-        help=f"noise that each law of the frontier may make, RMS (default: {_NOISE_N_M:g} N m)",
-    )  # fmt: skip
     add_json_argument(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -146,9 +130,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     _refuse_idle(options)
     plant = load_settings(PlantSettings, read_preset(PRESETS, options.preset))
-    car = plant.car
-    if options.tyre_lag and car is None:
-        raise SettingsError(f"--tyre-lag: {options.preset} is no car: its tyres do not lag")
     gradient_n_m, km_h = _middle(options.torque_gradients), _middle(options.speeds_km_h)
     lag_s = None if options.lag_ms is None else options.lag_ms / 1e3
     bench = Bench(
@@ -157,17 +138,14 @@ def _run(options: argparse.Namespace) -> int:
         Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio, lag_s=lag_s),
         HandWheel(options.inertia, options.damping, sensor_n_m_rad=options.torque_sensor),
         options.cycle_ms / 1e3,
-        options.torque_noise or _NOISE_N_M,
+        options.torque_noise,
     )
-    models = [] if options.tyre_lag else [bench]
-    if car is not None:
-        models.append(bench._replace(car=car))
-    what = f"{options.preset}{', tyres that lag' if options.tyre_lag else ''}"
+    models = [bench] if plant.car is None else [bench, bench._replace(car=plant.car)]
     if options.frontier is not None:
-        title = f"{what}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
+        title = f"{options.preset}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
         return _show_frontier(options.frontier, models, title)
     rows = [_rows(options, each, options.torque_gradients) for each in models]
-    title = f"first unstable round trip [ms], {what}, cycle {options.cycle_ms:g} ms"
+    title = f"first unstable round trip [ms], {options.preset}, cycle {options.cycle_ms:g} ms"
     speeds = [f"{speed:g} km/h" for speed in options.speeds_km_h]
     tables = [_loops_table(rows, speeds, title, _first_ms, has_passive=True)]
     for place, at_ms in enumerate(options.jitter_at):
@@ -184,15 +162,16 @@ def _run(options: argparse.Namespace) -> int:
             [(r.speed_km_h, r.grip, r.torque_gradient_n_m, r.first_s) for r in each]
             for each in (_rows(options, model, gradients) for model in models)
         ]
-        write_file(options.plot, draw(drawn, bench.cycle_s, what))
+        write_file(options.plot, draw(drawn, bench.cycle_s, options.preset))
     return ExitStatus.OK
 
 
 def _refuse_idle(options: argparse.Namespace) -> None:
     """Raise SettingsError for an option that would do nothing next to the others."""
-    for idle, needed in (("washout", "cdob"), ("torque_noise", "frontier")):
-        if getattr(options, idle) is not None and getattr(options, needed) is None:
-            raise SettingsError(f"--{idle.replace('_', '-')} does nothing without --{needed}")
+    if options.cdob is None and options.washout != _WASHOUT_RAD_S:
+        raise SettingsError("--washout does nothing without --cdob")
+    if options.frontier is None and options.torque_noise != _NOISE_N_M:
+        raise SettingsError("--torque-noise does nothing without --frontier")
     for idle in ("cdob", "jitter_at", "plot", "json"):
         if getattr(options, idle) and options.frontier is not None:
             raise SettingsError(f"--{idle.replace('_', '-')} does nothing with --frontier")
@@ -221,8 +200,7 @@ def _rows(options: argparse.Namespace, model: Bench, gradients_n_m: Sequence[flo
         case = model._replace(vehicle=moving, gradient_n_m=gradient_n_m, grip=grip)
         law = PASS_THROUGH
         if options.cdob is not None:
-            washout_rad_s = _WASHOUT_RAD_S if options.washout is None else options.washout
-            law = sampled_cdob(case.road(), model.cycle_s, options.cdob, washout_rad_s)
+            law = sampled_cdob(case.road(), model.cycle_s, options.cdob, options.washout)
         loop = case.loop(Design("", law), 1.0)
         held_n_m_s = model.wheel.damping_n_m_s + GRIPS[grip].damping_n_m_s
         passive_s = max(0.0, held_n_m_s / gradient_n_m - 0.5 * model.cycle_s)

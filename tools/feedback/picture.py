@@ -28,7 +28,7 @@ def draw(
     """Return a PNG with a panel for each speed and a curve for each grip.
 
     ``models``  speed [km/h], grip, torque gradient [N m/rad], first unstable round trip [s]: with
-                tyres that follow at once and, dashed, with tyres that lag; or one of them alone
+                tyres that follow at once and, dashed, with tyres that lag
     """
     by_model = [groupby(sorted(rows), lambda row: row[0]) for rows in models]
     by_speed = [[(speed, list(rows)) for speed, rows in each] for each in by_model]
@@ -60,7 +60,7 @@ def draw(
 def draw_frontier(models: Sequence[Iterable[Point]], title: str) -> bytes:
     """Return a PNG: how changed and how late the road is felt, over the round trip of the bus.
 
-    ``models``  with tyres that follow at once and, below, with tyres that lag; or one of them alone
+    ``models``  with tyres that follow at once and, below, with tyres that lag
     """
     with plot_style():
         figure = Figure(figsize=(10.0, 4.2 * len(models)))
