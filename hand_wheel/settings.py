@@ -175,8 +175,9 @@ class HandWheelSettings(Settings):
     def wheel_params(self) -> WheelParams:
         """Constants of a step of the wheel's motion."""
         wheel, step_s = self.wheel, self.cycle_s / self.steps
-        limits = wheel.friction_n_m, wheel.stop_rad, wheel.torque_n_m_max
-        return wheel_params(wheel.linear, *limits, step_s)
+        return wheel_params(
+            wheel.linear, wheel.friction_n_m, wheel.stop_rad, wheel.torque_n_m_max, step_s
+        )
 
     @property
     def nominal_way(self) -> LinearSystem:
@@ -208,23 +209,22 @@ class HandWheelSettings(Settings):
         )
 
     @property
-    def driver_params(self) -> DriverParams:
-        """Constants of the driver."""
-        two, cycle_s = self.driver.two_point, self.cycle_s
+    def cycle_params(self) -> CycleParams:
+        """Constants of a cycle."""
+        table, two, cycle_s = self.feedback, self.driver.two_point, self.cycle_s
         two_point = BLIND if two is None else TwoPointParams(
             two.far_gain, two.near_gain, two.integral_gain_1_s, two.near_rad_max,
             two.near_m, two.far_s, max(1, round(two.reaction_s / cycle_s)),
             kept_of(1.0 / two.neuromuscular_lag_s, cycle_s),
         )  # fmt: skip
-        return DriverParams(GRIPS[self.driver.grip], two_point, cycle_s)
-
-    @property
-    def cycle_params(self) -> CycleParams:
-        """Constants of a cycle."""
-        table, damping_n_m_s = self.feedback, self.supervision.fallback_damping_n_m_s
-        servo = table.servo_n_m, table.servo_n_m_s
-        law = [*FEEDBACK_LAWS].index(table.law)
-        return CycleParams(self.driver_params, self.feedback_params, law, *servo, damping_n_m_s)
+        return CycleParams(
+            DriverParams(GRIPS[self.driver.grip], two_point, cycle_s),
+            self.feedback_params,
+            [*FEEDBACK_LAWS].index(table.law),
+            table.servo_n_m,
+            table.servo_n_m_s,
+            self.supervision.fallback_damping_n_m_s,
+        )
 
     @property
     def kicks(self) -> tuple[Kick, ...]:

@@ -72,11 +72,11 @@ def wheel_params(
     """Return the constants of steps of ``step_s`` > 0; lag and inertia are positive."""
     steps = step_s / wheel.motor_lag_s
     kept = exp(-steps)
-    kept_mean = (1.0 - kept) / steps
-    motor = torque_n_m_max, kept, kept_mean, step_s
     rim_kg_m2 = wheel.rim_share * wheel.inertia_kg_m2 if wheel.sensor_n_m_rad else 0.0
-    below = wheel.inertia_kg_m2 - rim_kg_m2, wheel.damping_n_m_s, friction_n_m, stop_rad
-    return WheelParams(*below, *motor, wheel.sensor_n_m_rad, rim_kg_m2)
+    return WheelParams(
+        wheel.inertia_kg_m2 - rim_kg_m2, wheel.damping_n_m_s, friction_n_m, stop_rad,
+        torque_n_m_max, kept, (1.0 - kept) / steps, step_s, wheel.sensor_n_m_rad, rim_kg_m2,
+    )  # fmt: skip
 
 
 def wheel_step(p: WheelParams, x: WheelState, command_n_m: float, hands: Hands) -> WheelState:

@@ -91,15 +91,14 @@ def wheel_events(
     )
     is_now = came_ns == due_ns
     rank = np.where(is_now, np.where(kind == 1, Event.ANSWER, Event.STATE), Event.ARRIVAL)
-    parts = (
-        (due_ns, rank, index, kind == 2, before),
-        (force_ns, np.full(len(force_ns), Event.FORCE), np.arange(len(force_ns))),
-        (cycle_ns, np.full(len(cycle_ns), Event.CYCLE), np.arange(len(cycle_ns))),
+    forces, cycles = np.arange(len(force_ns)), np.arange(len(cycle_ns))
+    columns = (
+        np.concatenate((due_ns, force_ns, cycle_ns)),
+        np.concatenate((rank, 0 * forces + Event.FORCE, 0 * cycles + Event.CYCLE)),
+        np.concatenate((index, forces, cycles)),
+        np.concatenate((kind == 2, 0 * forces, 0 * cycles)),
+        np.concatenate((before, 0 * forces, 0 * cycles)),
     )
-    columns = [
-        np.concatenate([part[at] if at < len(part) else np.zeros(len(part[0])) for part in parts])
-        for at in range(5)
-    ]
     order = np.lexsort((columns[1], columns[0]))
     ns, kinds, of, is_state, commands = (column[order].astype(np.int64) for column in columns)
     ticks = np.where(
