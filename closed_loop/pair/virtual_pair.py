@@ -2,12 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
+from hashlib import sha256
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
+from ...dbc.secoc.authenticated_node import AuthenticatedNode
+from ...dbc.secoc.authentication import Authentication
+from ...dbc.secoc.key_file import read_key
+from ...dbc.secoc.secured_frame import CHALLENGE_LENGTH
 from ...plant_emulator.evaluation.run_record import SAMPLES_MAX
 from ...plant_emulator.faults.messages_on_bus import messages_in
 from ...plant_emulator.faults.stage import with_faults
@@ -108,6 +113,25 @@ def pair_with(
         controller.leave_out(language.missing)
         controller_edge = language.at_edge(controller, End.CONTROLLER, 0)
     return VirtualPair(plant, edge, controller, controller_edge, hand_wheel)
+
+
+def with_key(pair: VirtualPair[N], key_file: Path, seed: int) -> VirtualPair[N]:
+    """Return the nodes behind authentication with the key in a file; raises SettingsError.
+
+    Their challenges come from the seed, so that a run in virtual time can be made again.
+    """
+    compute_mac = read_key(key_file)
+    present = {"PLANT": pair.edge, "CONTROLLER": pair.controller_edge}
+    if pair.hand_wheel is not None:
+        present["HAND_WHEEL"] = pair.hand_wheel
+
+    def secured(own: str) -> ReportingNode:
+        challenge = sha256(f"{own} {seed}".encode()).digest()[:CHALLENGE_LENGTH]
+        end = Authentication([name for name in present if name != own], compute_mac, challenge, 0)
+        return AuthenticatedNode(present[own], end)
+
+    edge, controller_edge, *others = map(secured, present)
+    return VirtualPair(pair.plant, edge, pair.controller, controller_edge, *others)
 
 
 def make_virtual_plant(

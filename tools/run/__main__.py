@@ -33,6 +33,7 @@ from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
+from steer_by_wire.dbc.edge import add_key_file_argument
 from steer_by_wire.hand_wheel.program import write_hand_wheel_trace
 from steer_by_wire.hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
@@ -182,6 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="add a hand wheel with its driver: a settings file or a preset, as still or hands_off",
     )  # fmt: skip
     add_dialect_argument(parser)
+    add_key_file_argument(parser)
     bus = parser.add_mutually_exclusive_group()
     bus.add_argument(
         "--bitrate", type=bit_rate, metavar="BIT/S",
@@ -205,10 +207,11 @@ def _run(options: argparse.Namespace) -> int:
             say(NAME, f"warning: {warning}", sys.stderr)
         controller = ours = with_period_of(plant_settings, ours)
     wheel = _hand_wheel(options)
-    if wheel is not None:
-        if ours is None or options.dialect:
+    for option, given in (("--hand-wheel", wheel), ("--key-file", options.key_file)):
+        if given is not None and (ours is None or options.dialect):
             taken = "--controller-command" if ours is None else "--dialect"
-            raise SettingsError(f"--hand-wheel: a run with {taken} has none")
+            raise SettingsError(f"{option}: a run with {taken} has none")
+    if wheel is not None and ours is not None:
         plant_settings, ours, wheel = with_hand_wheel(plant_settings, ours, wheel)
         controller = ours
     bus = _bus_settings(options)
@@ -229,6 +232,7 @@ def _run(options: argparse.Namespace) -> int:
         is_ideal=options.ideal_wire,
         language=language,
         hand_wheel=wheel,
+        key_file=options.key_file,
     )
     reports = reports_of(run, plant_settings, controller, wheel)
     lines = summary(run, reports)
@@ -321,6 +325,7 @@ def _command(options: argparse.Namespace, files: PairFiles) -> str:
     if options.hand_wheel:
         command += ["--hand-wheel", str(files.settings(HAND_WHEEL_PROGRAM))]
     command += ["--ideal-wire"] * options.ideal_wire
+    command += ["--key-file", str(options.key_file)] if options.key_file else []
     command += ["--dialect", str(options.dialect)] if options.dialect else []
     command += ["--bus-settings", str(files.settings(BUS))]
     return shlex.join(command)

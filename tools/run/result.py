@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ...closed_loop.lockstep.node import LockstepNode, controller_node
 from ...closed_loop.pair.pair_result import CONTROLLER_PROGRAM, HAND_WHEEL_PROGRAM, PLANT_PROGRAM
 from ...closed_loop.pair.virtual_bus import virtual_bus
-from ...closed_loop.pair.virtual_pair import START_S_MAX, pair_with
+from ...closed_loop.pair.virtual_pair import START_S_MAX, pair_with, with_key
 from ...controller.command_line import fail_if_quantities as controller_quantities
 from ...controller.node import report_in_words as controller_report
 from ...controller.node.node import ControllerNode
@@ -51,7 +51,7 @@ QUANTITIES = {
 class Run(NamedTuple):
     """One run: its nodes, what carried their frames, what ended it.
 
-    ``edges``      both nodes as they are on the bus: in a dialect, behind faults
+    ``edges``      the nodes as they are on the bus: in a dialect, behind faults or authentication
     ``elapsed_s``  how long it took [s]
     ``shared``     the bus, where there was other traffic or noise on it
     ``hand_wheel``  None without one
@@ -59,7 +59,7 @@ class Run(NamedTuple):
 
     plant: PlantNode
     controller: ControllerNode | LockstepNode
-    edges: tuple[ReportingNode, ReportingNode]
+    edges: Sequence[ReportingNode]
     bus: str
     elapsed_s: float
     ended_by: str
@@ -81,8 +81,8 @@ def reports_of(
         PLANT_PROGRAM: (plant, run.edges[0].report()),
         CONTROLLER_PROGRAM: (controller, run.edges[1].report()),
     }
-    if hand_wheel is not None and run.hand_wheel is not None:
-        of_program[HAND_WHEEL_PROGRAM] = hand_wheel, run.hand_wheel.report()
+    if hand_wheel is not None:
+        of_program[HAND_WHEEL_PROGRAM] = hand_wheel, run.edges[2].report()
     return {
         program: {
             "program": NAME,
@@ -186,6 +186,7 @@ def run_in_virtual_time(
     is_ideal: bool,
     language: BusLanguage = OUR_LANGUAGE,
     hand_wheel: HandWheelSettings | None = None,
+    key_file: Path | None = None,
 ) -> Run:
     """Run plant and controller on a bus with these settings.
 
@@ -193,6 +194,7 @@ def run_in_virtual_time(
     ``is_ideal``    if frames are to take no time
     ``language``    of the bus; a program speaks a car's of itself
     ``hand_wheel``  None: there is none
+    ``key_file``    with which our nodes authenticate their frames; None: they do not
     """
     wheel = None if hand_wheel is None else HandWheelNode(hand_wheel, 0, HAND_WHEEL_SAMPLES_MAX)
     bitrate = settings.bitrate_bit_s
@@ -201,6 +203,8 @@ def run_in_virtual_time(
     begin_s = time.perf_counter()
     with stop.on_signals(), controller_node(controller) as node:
         pair = pair_with(plant_settings, node, language=language, hand_wheel=wheel)
+        if key_file is not None:
+            pair = with_key(pair, key_file, plant_settings.seed)
         try:
             with _progress(plant_settings.duration_s) as on_second:
 
@@ -219,7 +223,7 @@ def run_in_virtual_time(
         if isinstance(node, LockstepNode):
             node.failure = node.failure or f"it sent no valid command in {START_S_MAX} s"
     shared = bus if bus is not None and bus.is_lossy else None
-    edges = pair.edge, pair.controller_edge
+    edges = [pair.edge, pair.controller_edge, *filter(None, [pair.hand_wheel])]
     return Run(pair.plant, node, edges, where, elapsed_s, ended_by, shared, wheel)
 
 

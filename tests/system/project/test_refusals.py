@@ -77,6 +77,7 @@ REFUSED = {
         "--fail-if controller_holds: another program"
     ),
     "run --controller-command './mine \"'": "'./mine \"': No closing quotation",
+    "run --controller-command true --key-file k": "--key-file: a run with --controller-command",
     "run --durations 3": "unrecognized arguments: --durations (did you mean --dur",
     "run --hand-wheel still --set hand_wheel.cycle_ms=50": "up to 20",
     "run --hand-wheel still --controller-command true": "has none",

@@ -15,15 +15,7 @@ from steer_by_wire.hand_wheel.wheel import HandWheel
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 from steer_by_wire.tools.feedback import __main__ as program
 from steer_by_wire.tools.feedback import frontier, frontier_runs
-from steer_by_wire.tools.feedback.frontier import (
-    BAND_RAD_S,
-    Bench,
-    Design,
-    damped,
-    passivity_controllers,
-    responses,
-    road_response,
-)
+from steer_by_wire.tools.feedback.frontier import BAND_RAD_S, Bench, Design, responses
 from steer_by_wire.tools.feedback.frontier_runs import Column, changed_in_runs, settle
 
 SEDAN = VehicleParams(80 / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
@@ -60,7 +52,7 @@ def test_the_change_of_the_felt_torque_is_that_of_a_run() -> None:
     for name in ("damping", "cdob"):
         law, at_s = LAWS[name], 0.05
         by_angle, by_road, _ = responses(law, BAND_RAD_S, CYCLE_S)
-        ideal = road_response(BENCH.road(), CYCLE_S)
+        ideal = frontier.road_response(BENCH.road(), CYCLE_S)
         felt = by_angle + by_road * ideal * np.exp(-1j * BAND_RAD_S * at_s)
         exact = rms(felt - ideal) / rms(ideal)
         assert changed_in_runs(BENCH, [Column(Design("", law), 1.0, at_s)])[0] == pytest.approx(
@@ -69,14 +61,14 @@ def test_the_change_of_the_felt_torque_is_that_of_a_run() -> None:
 
 
 def test_noise_filters_the_rate_of_a_stronger_damping_more() -> None:
-    designs = list(damped(BENCH, PASS_THROUGH, "", [0.1, 0.5, 2.0]))
+    designs = list(frontier.damped(BENCH, PASS_THROUGH, "", [0.1, 0.5, 2.0]))
     cutoffs = [float(each.settings.split("(")[1].split()[0]) for each in designs]
     assert all(low >= high for low, high in pairwise(cutoffs))
     assert cutoffs[0] > cutoffs[-1]
 
 
 def test_a_passivity_controller_stills_what_shakes_without_it() -> None:
-    design = list(passivity_controllers(BENCH))[-1]
+    design = list(frontier.passivity_controllers(BENCH))[-1]
     loop = [Column(each, 1.0, 0.1) for each in (design, design._replace(passive_n_m_s=(inf, 0.0)))]
     assert settle(BENCH, loop) == [True, False]
 

@@ -60,12 +60,18 @@ def test_a_late_torque_shakes_the_wheel_and_the_last_line_says_so(
 def test_the_command_that_a_run_prints_makes_it_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    first, _ = run(
+    key = tmp_path / "steer.key"
+    key.write_text("0f" * 16)
+    key.chmod(0o600)
+    first, reports = run(
         tmp_path, *PAIR, "--hand-wheel", "two_point", "--duration", "2", *DRIVEN,
+        "--key-file", str(key),
         "--set", "hand_wheel.cycle_ms=2", "--set", "plant.latency.downlink.spread_s=0.01",
         "--set", "plant.latency.downlink.mean_s=0.03",
         "--set", "plant.latency.downlink.model=gamma",
     )  # fmt: skip
+    for name in ("plant_emulator", "controller", "hand_wheel"):
+        assert node(reports, name)["authentication"]["synchronised"]
     lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
     again = next(rest for heading, rest in lines if heading == "again").split()
     second, _ = run(tmp_path, *again[2:])
