@@ -55,6 +55,7 @@ class SteeringRule(NamedTuple):
 
     ``always``  who steers whatever the torque; -1: the torque decides
     ``rested``  who steers while the driver rests
+    ``ratio``, and below: the symbols above; ``step``: of the assist's share in a control period
     """
 
     always: int
@@ -63,6 +64,11 @@ class SteeringRule(NamedTuple):
     hands_off_n_m: float
     hand_back_ns: int
     timeout_ns: int
+    ratio: float
+    gain_n_m: float
+    damping_n_m_s: float
+    torque_n_m_max: float
+    step: float
 
 
 class Steering(NamedTuple):
@@ -72,17 +78,7 @@ class Steering(NamedTuple):
     held_ns: int
 
 
-class AssistRule(NamedTuple):
-    """The symbols above; ``step`` is what a control period can change of the assist's share."""
-
-    ratio: float
-    gain_n_m: float
-    damping_n_m_s: float
-    torque_n_m_max: float
-    step: float
-
-
-def steering_rule(table: HandWheelSettings) -> SteeringRule:
+def steering_rule(table: HandWheelSettings, period_s: float) -> SteeringRule:
     """Return the rule of settings."""
     return SteeringRule(
         {"driver": _DRIVER, "law": _LAW}.get(table.steered_by, _BY_TORQUE),
@@ -91,13 +87,12 @@ def steering_rule(table: HandWheelSettings) -> SteeringRule:
         table.hands_off_n_m,
         round(table.hand_back_s * NS_PER_S),
         round(table.timeout_ms * NS_PER_MS),
+        table.steering_ratio,
+        table.assist_n_m,
+        table.assist_n_m_s,
+        table.assist_n_m_max,
+        period_s / _FADE_S,
     )
-
-
-def assist_rule(table: HandWheelSettings, period_s: float) -> AssistRule:
-    """Return the rule of settings."""
-    gains = table.assist_n_m, table.assist_n_m_s, table.assist_n_m_max
-    return AssistRule(table.steering_ratio, *gains, period_s / _FADE_S)
 
 
 def steering_step(
@@ -123,7 +118,7 @@ def steering_step(
 
 
 def assist_step(
-    p: AssistRule,
+    p: SteeringRule,
     share: float,
     assists: bool,
     wanted_rad: float,

@@ -12,10 +12,8 @@ from numba.extending import register_jitable
 
 from ...controller.settings import ControllerSettings
 from ...controller.who_steers import (
-    AssistRule,
     Steering,
     SteeringRule,
-    assist_rule,
     assist_step,
     steering_rule,
     steering_step,
@@ -96,7 +94,6 @@ class Wheel(NamedTuple):
     params: WheelParams
     cycle: CycleParams
     rule: SteeringRule
-    assist: AssistRule
     vehicle: VehicleParams
     steps: int
     cycle_ns: int
@@ -203,8 +200,7 @@ def wheel_of(
     return Wheel(
         events,
         *_designed(settings),
-        steering_rule(driver),
-        assist_rule(driver, controller.period_s),
+        steering_rule(driver, controller.period_s),
         vehicle_params(plant.vehicle),
         steps=settings.steps,
         cycle_ns=settings.cycle_ns,
@@ -373,7 +369,7 @@ def decide(
         age_ns = now_ns - cycle * w.cycle_ns
     steering = steering_step(w.rule, before, torque_n_m, age_ns, now_ns, can_steer)
     both = steering.steered_by == _BOTH
-    share, order_n_m = assist_step(w.assist, x.who.share, both, wanted_rad, angle_rad, rate_rad_s)
+    share, order_n_m = assist_step(w.rule, x.who.share, both, wanted_rad, angle_rad, rate_rad_s)
     w.steered_by[tick], w.order_n_m[tick] = steering.steered_by, quantised(order_n_m, _ORDER_N_M)
     takes_over = before.steered_by != _LAW and steering.steered_by == _LAW and can_steer
     if steering.steered_by != _LAW:

@@ -13,7 +13,6 @@ from ...runtime.node import NEVER_NS
 from ..who_steers import (
     HandWheelSettings,
     Steering,
-    assist_rule,
     assist_step,
     steering_rule,
     steering_step,
@@ -31,8 +30,7 @@ class DriverLink:
     def __init__(
         self, settings: HandWheelSettings, reception: Reception, start_ns: int, period_s: float
     ) -> None:
-        self._ratio = settings.steering_ratio
-        self._rule, self._assist = steering_rule(settings), assist_rule(settings, period_s)
+        self._rule = steering_rule(settings, period_s)
         self._check = reception.newest(HandWheelState)
         self._steering = Steering(int(SteeredBy.LAW), start_ns)
         self._share = self._assist_n_m = 0.0
@@ -61,7 +59,7 @@ class DriverLink:
         self._steering = after
         is_both = steered_by is SteeredBy.BOTH
         self._share, self._assist_n_m = assist_step(
-            self._assist, self._share, is_both, law_rad, angle_rad, rate_rad_s
+            self._rule, self._share, is_both, law_rad, angle_rad, rate_rad_s
         )
         return steered_by
 
@@ -70,7 +68,7 @@ class DriverLink:
         return self._sender.frame(
             HandWheelFeedback(
                 feedback_torque_n_m=self._assist_n_m,
-                steering_ratio=self._ratio,
+                steering_ratio=self._rule.ratio,
                 answered_state=self._check.counter,
                 steered_by=self.steered_by,
             )

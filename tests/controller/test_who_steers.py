@@ -8,7 +8,6 @@ from steer_by_wire.controller.who_steers import (
     HandWheelSettings,
     Steering,
     SteeringRule,
-    assist_rule,
     assist_step,
     steering_rule,
     steering_step,
@@ -22,7 +21,7 @@ FRESH = PERIOD_NS
 
 
 def rule(**table: object) -> SteeringRule:
-    return steering_rule(HandWheelSettings.model_validate(table))
+    return steering_rule(HandWheelSettings.model_validate(table), 0.01)
 
 
 def history(
@@ -72,7 +71,7 @@ def test_both_steer_until_a_firm_torque_and_again_after_rest() -> None:
 
 @given(st.lists(st.tuples(st.none() | st.floats(-0.1, 0.1), st.floats(-5.0, 5.0)), max_size=80))
 def test_the_assist_is_limited_and_never_jumps(steps: list[tuple[float | None, float]]) -> None:
-    p, share, before = assist_rule(HandWheelSettings(steered_by="both"), 0.01), 0.0, 0.0
+    p, share, before = rule(steered_by="both"), 0.0, 0.0
     for wanted, angle in steps:
         share, torque = assist_step(p, share, wanted is not None, wanted or 0.0, angle, 0.0)
         assert abs(torque) <= share * p.torque_n_m_max
@@ -82,7 +81,7 @@ def test_the_assist_is_limited_and_never_jumps(steps: list[tuple[float | None, f
 
 
 def test_the_assist_turns_the_wheel_to_the_command() -> None:
-    p = assist_rule(HandWheelSettings(steered_by="both", steering_ratio=10.0), 0.01)
+    p = rule(steered_by="both", steering_ratio=10.0)
     assert assist_step(p, 1.0, True, 0.01, 0.05, 0.0)[1] == pytest.approx(20.0 * 0.05)
     assert assist_step(p, 1.0, True, 0.01, 0.1, 0.5)[1] == pytest.approx(-0.5)
     assert assist_step(p, 0.0, False, 0.01, 0.1, 0.5) == (0.0, 0.0)
