@@ -4,7 +4,7 @@ A run without one has ``wheel`` None, which costs nothing. Its steps are those o
 """
 
 from collections.abc import Callable
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -77,6 +77,12 @@ _TORQUE_N_M = wire(HandWheelState, "driver_torque_n_m")
 _FORCE_N = wire(SteeringForce, "rack_force_n")
 _ORDER_N_M = resolutions(HandWheelFeedback)["feedback_torque_n_m"]
 _RATIO = resolutions(HandWheelFeedback)["steering_ratio"]
+
+
+register(cycle_step, wheel_step, steering_step, assist_step, own_motion_rad)
+register(heard_step, driver_steers)
+for _motion in MOTIONS.values():
+    register(_motion.rack_force_n, _motion.is_limited)
 
 
 class Wheel(NamedTuple):
@@ -153,14 +159,6 @@ def _designed(settings: "HandWheelSettings") -> tuple[WheelParams, CycleParams]:
     return settings.wheel_params, settings.cycle_params
 
 
-@cache
-def _register_steps() -> None:
-    register(cycle_step, wheel_step, steering_step, assist_step, own_motion_rad)
-    register(heard_step, driver_steers)
-    for motion in MOTIONS.values():
-        register(motion.rack_force_n, motion.is_limited)
-
-
 def refuse_hand_wheel(
     plant: PlantSettings, controller: ControllerSettings, hand_wheel: "HandWheelSettings | None"
 ) -> None:
@@ -195,7 +193,6 @@ def wheel_of(
         raise SettingsError(
             "hand_wheel: needs plant.steering_force, plant.hand_wheel and controller.hand_wheel"
         )
-    _register_steps()
     model, cycles = settings.nominal_model, len(events.mode)
     return Wheel(
         events,

@@ -158,8 +158,7 @@ def step_functions() -> tuple[Callable[..., Any], ...]:
     ]
     motions += [step for step, _ in STEERINGS.values()]
     motions += [BUILT_IN.step, BUILT_IN.start, tyres_of_car]
-    reached = _reached((*motions, *around, *laws, *plans))
-    return tuple(function for function in reached if function not in _CHOSEN)
+    return tuple(_reached((*motions, *around, *laws, *plans)))
 
 
 @cache
@@ -283,7 +282,10 @@ def _law_plan_of_type(params: Any, state: Any, observed: Any) -> Any:  # noqa: A
 
 
 def _reached(functions: Iterable[Callable[..., Any]]) -> dict[Callable[..., Any], None]:
-    """Return these functions and all that they call by name, in the order of discovery."""
+    """Return these functions and all that they call by name, in the order of discovery.
+
+    Without those in whose place compiled code calls what ``_choose`` says.
+    """
     reached: dict[Callable[..., Any], None] = {}
     waiting = list(functions)
     while waiting:
@@ -291,7 +293,7 @@ def _reached(functions: Iterable[Callable[..., Any]]) -> dict[Callable[..., Any]
         if function not in reached:
             reached[function] = None
             waiting += _called_by(function)
-    return reached
+    return {function: None for function in reached if function not in _CHOSEN}
 
 
 def _called_by(function: Callable[..., Any]) -> Iterator[Callable[..., Any]]:

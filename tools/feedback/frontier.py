@@ -8,11 +8,10 @@ Every law is taken with the settings that change the message least, out of those
 
 ``changed`` is the error of the torque that the driver feels as he moves the wheel, against the
 road's own without a bus, RMS over BAND_HZ; ``late_s`` is when 63 % of a change of the road's force
-have reached a hand that holds still, for good. Passivity is that of Colgate, as damping that makes
-the wheel passive for the largest gradient, and that of a passivity controller, found by runs.
+have reached a hand that holds still, for good. Passivity is that of a controller, found by runs.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property, lru_cache
 from itertools import islice, product
 from math import inf, pi, radians, sqrt
@@ -200,19 +199,13 @@ def best_points(bench: Bench) -> Iterator[list[Point]]:
     for name, designs in _families(bench).items():
         candidates = [Candidate(bench, design) for design in designs]
         for at_s in ROUND_TRIPS_S:
-            yield _best(name, candidates, at_s)
-    for at_s in ROUND_TRIPS_S:
-        candidates = [Candidate(bench, design) for design in _passive(bench, at_s)]
-        yield _best("passive damping", candidates, at_s)
-
-
-def _best(name: str, candidates: Sequence[Candidate], at_s: float) -> list[Point]:
-    scored = [(*candidate.changed(at_s), candidate) for candidate in candidates]
-    holding = (each for each in sorted(scored, key=itemgetter(0)) if each[2].holds(at_s))
-    return [
-        Point(name, at_s, changed, candidate.late_s(at_s), local, candidate.design)
-        for changed, local, candidate in islice(holding, _TRIED)
-    ] or [Point(name, at_s, *NONE_HOLDS)]
+            scored = [(*candidate.changed(at_s), candidate) for candidate in candidates]
+            scored.sort(key=itemgetter(0))
+            holding = (each for each in scored if each[2].holds(at_s))
+            yield [
+                Point(name, at_s, changed, candidate.late_s(at_s), local, candidate.design)
+                for changed, local, candidate in islice(holding, _TRIED)
+            ] or [Point(name, at_s, *NONE_HOLDS)]
 
 
 def _families(bench: Bench) -> Mapping[str, Iterable[Design]]:
@@ -265,13 +258,6 @@ def _observed(bench: Bench) -> Iterator[Design]:
                 settings = f"{cutoff:.0f} rad/s, {factor:g} J, {damping:.2g} N m s/rad"
                 yield Design(settings, law)
                 break
-
-
-def _passive(bench: Bench, at_s: float) -> Iterator[Design]:
-    """Yield the damping that is passive up to JITTER more than a round trip, if noise allows it."""
-    stiffest_n_m = GRADIENT_FACTORS[-1] * bench.gradient_n_m
-    needed = stiffest_n_m * ((1.0 + JITTER) * at_s + 0.5 * bench.cycle_s)
-    return damped(bench, PASS_THROUGH, "", [max(needed - bench.wheel.damping_n_m_s, 0.0)])
 
 
 def passivity_controllers(bench: Bench) -> Iterator[Design]:
