@@ -111,6 +111,8 @@ def identify_steering(
         (lag_s - lag_half - drawn_s, lag_s + lag_half + drawn_s),
         (early_s - dead_half - drawn_s, dead_s + dead_half + drawn_s),
     )
+    if play_rad <= play_half:
+        play_half, play_rad = play_rad + play_half, 0.0  # There may be none.
     of_play = max(play_rad - play_half, 0.0), play_rad + play_half
     dead_mean_s = max(dead_s - 0.5 * period_s, 0.0)
     figures = [
@@ -124,7 +126,7 @@ def identify_steering(
         ),
     ]  # fmt: skip
     table = {"lag_s": float(lag_s), "dead_time_s": float(dead_mean_s)}
-    if play_rad > play_half:
+    if play_rad > 0.0:
         table["dead_band_rad"] = float(play_rad)
     if unexplained <= _UNEXPLAINED_MAX:
         return Steering(figures, table, [])

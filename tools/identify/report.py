@@ -33,6 +33,10 @@ def report_html(
     ]  # fmt: skip
     headings = ["", "value", "95 %", "unit", "verdict", ""]
     response = respond(found.fit.grid, found.fit.values, found.fit.problem.known)
+    ways = (
+        "Delays are from the wheel's angle to the yaw rate, those of further sensors after it, and"
+        " those of the actuator from the command to the wheel's angle."
+    )
     frequency = "Yaw rate over steering; grey where less than 80 % of it follows the steering."
     plan = (
         "A sweep at 60 km/h from 0.2 to 3 Hz in 26 s with 4 m/s² to either side, steps at 80 km/h,"
@@ -42,7 +46,7 @@ def report_html(
     if asks_for_slow:
         plan += " Then the sweep at 25 km/h, with 2 m/s²: it tells relaxation from delay."
     sections = [
-        Section("Figures", tables=[Table(headings, rows)]),
+        Section("Figures", [ways], tables=[Table(headings, rows)]),
         Section("Delays", lines),
         Section(
             "Measured over simulated",
