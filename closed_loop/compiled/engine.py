@@ -228,7 +228,8 @@ def _run_whole(
     records = empty_records(
         len(instants.sample_ns),
         instants.ticks.shape[1],
-        has_dead_time=motion.dead_time_ns > 0,
+        # For every car: the test that a run would save is not worth compiling the loop once more.
+        has_dead_time=motion.dead_time_ns > 0 or plant.car is not None,
         is_car=plant.car is not None,
     )
     if knows_status:
