@@ -110,7 +110,7 @@ DELAYS = ("delay_and_lag_s", "lag_s", "dead_time_s")
 """A sum and its parts."""
 
 
-class _Quantity(NamedTuple):
+class _Kind(NamedTuple):
     """What is told of a car, and the parameter whose profile bounds it."""
 
     name: str
@@ -119,21 +119,20 @@ class _Quantity(NamedTuple):
 
 
 _OF_CAR = (
-    _Quantity("understeer_gradient_rad_s2_m", "rad s2/m"),
-    _Quantity("front_stiffness_per_mass_n_rad_kg", "N/(rad kg)", "front_c"),
-    _Quantity("rear_stiffness_per_mass_n_rad_kg", "N/(rad kg)", "rear_c"),
-    _Quantity("yaw_inertia_per_mass_m2", "m2", "inertia"),
-    _Quantity("friction", "1", "friction"),
-    _Quantity("relaxation_m", "m", "relaxation_m"),
-    _Quantity("delay_and_lag_s", "s", "delay_and_lag_s"),
-    _Quantity("lag_s", "s", "lag_squared_s2"),
-    _Quantity("dead_time_s", "s"),
-    _Quantity("steering_ratio", "1", "steering_ratio"),
-    _Quantity("wheelbase_m", "m", "wheelbase_m"),
-    _Quantity("steering_offset_rad", "rad"),
-    _Quantity("yaw_rate_offset_rad_s", "rad/s"),
+    _Kind("understeer_gradient_rad_s2_m", "rad s2/m"),
+    _Kind("front_stiffness_per_mass_n_rad_kg", "N/(rad kg)", "front_c"),
+    _Kind("rear_stiffness_per_mass_n_rad_kg", "N/(rad kg)", "rear_c"),
+    _Kind("yaw_inertia_per_mass_m2", "m2", "inertia"),
+    _Kind("friction", "1", "friction"),
+    _Kind("relaxation_m", "m", "relaxation_m"),
+    _Kind("delay_and_lag_s", "s", "delay_and_lag_s"),
+    _Kind("lag_s", "s", "lag_squared_s2"),
+    _Kind("dead_time_s", "s"),
+    _Kind("steering_ratio", "1", "steering_ratio"),
+    _Kind("wheelbase_m", "m", "wheelbase_m"),
+    _Kind("steering_offset_rad", "rad"),
+    _Kind("yaw_rate_offset_rad_s", "rad/s"),
 )
-_PRODUCT = _Quantity("steering_ratio_times_wheelbase_m", "m")
 
 
 def figure_values(parameters: Mapping[str, float]) -> dict[str, float]:
@@ -152,15 +151,15 @@ def figure_values(parameters: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def _quantities(problem: Problem) -> list[_Quantity]:
+def _kinds(problem: Problem) -> list[_Kind]:
     """Return what a problem leaves to be told."""
     found, names = [*_OF_CAR], {one.name for one in problem.coordinates}
     for name in problem.sensors[1:]:
         offset_unit = "m/s2" if name.startswith("lateral") else "rad/s"
         units = {"delay_s": "s", "gain": "1", "offset": offset_unit}
-        found += [_Quantity(f"{name}:{kind}", unit) for kind, unit in units.items()]
+        found += [_Kind(f"{name}:{kind}", unit) for kind, unit in units.items()]
     if {"steering_ratio", "wheelbase_m"} <= names:
-        found.append(_PRODUCT)
+        found.append(_Kind("steering_ratio_times_wheelbase_m", "m"))
     told = {"yaw_inertia_per_mass_m2"} if problem.known.yaw_inertia_kg_m2 is not None else set()
     return [one for one in found if one.name not in problem.held.keys() | told]
 
@@ -170,22 +169,22 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
 
     ``others``  fits of models that may be as right: each interval covers theirs, too
     """
-    quantities, ends = _quantities(found.problem), dict[str, Ends]()
-    for quantity in quantities:
-        low, high = _ends(found, quantity)
+    kinds, ends = _kinds(found.problem), dict[str, Ends]()
+    for kind in kinds:
+        low, high = _ends(found, kind)
         if progress is not None:
             try:
-                low, high = _by_profile(found, quantity, (low, high), progress)
+                low, high = _by_profile(found, kind, (low, high), progress)
             except Stopped:
                 progress = None
         for other in others:
-            lower, higher = _ends(other, quantity)
+            lower, higher = _ends(other, kind)
             low, high = min(low, lower), max(high, higher)
-        ends[quantity.name] = (max(low, 0.0) if quantity.unit in _POSITIVE else low), high
+        ends[kind.name] = (max(low, 0.0) if kind.unit in _POSITIVE else low), high
     ends |= zip(DELAYS, compatible(*map(ends.__getitem__, DELAYS)), strict=True)
     values = figure_values(found.values)
     values["lag_s"] = min(values["lag_s"], max(values["delay_and_lag_s"], 0.0))
-    return [_figure(found, one, values[one.name], ends[one.name]) for one in quantities]
+    return [_figure(found, one, values[one.name], ends[one.name]) for one in kinds]
 
 
 def compatible(total: Ends, lag: Ends, dead: Ends) -> tuple[Ends, Ends, Ends]:
@@ -208,8 +207,8 @@ def compatible(total: Ends, lag: Ends, dead: Ends) -> tuple[Ends, Ends, Ends]:
     return (whole_low, whole_high), (lag_low, lag_high), (dead_low, dead_high)
 
 
-def _figure(found: Fit, quantity: _Quantity, value: float, ends: Ends) -> Figure:
-    name, unit, _ = quantity
+def _figure(found: Fit, kind: _Kind, value: float, ends: Ends) -> Figure:
+    name, unit, _ = kind
     by_unit = _ENOUGH.get(unit, _SHARE * abs(min(max(value, ends[0]), ends[1])))
     enough = _ENOUGH.get(name, by_unit)
     figure = figure_within(name, unit, value, ends, enough, _ADVICE.get(name, _SWEEP))
@@ -218,7 +217,7 @@ def _figure(found: Fit, quantity: _Quantity, value: float, ends: Ends) -> Figure
     is_factor = name in factors and "wheelbase_m" in {one.name for one in found.problem.assumed}
     if figure.verdict is Verdict.IDENTIFIED and not is_factor:
         return figure
-    partner = factors[name] if is_factor else _partner(found, quantity, enough)
+    partner = factors[name] if is_factor else _partner(found, kind, enough)
     if partner:
         return figure._replace(verdict=Verdict.COMBINATION, note=f"with {partner}")
     return figure
@@ -235,25 +234,25 @@ def figure_within(
     return Figure(name, unit, value, low, high, Verdict.NOT_IDENTIFIABLE, advice)
 
 
-def _ends(found: Fit, quantity: _Quantity) -> Ends:
+def _ends(found: Fit, kind: _Kind) -> Ends:
     """Return the interval by the covariance."""
-    value, slope = figure_values(found.values)[quantity.name], _slope(found, quantity)
+    value, slope = figure_values(found.values)[kind.name], _slope(found, kind)
     half = found.critical * sqrt(max(float(slope @ found.covariance @ slope), 0.0))
     square_s2, half_s2 = found.values["lag_squared_s2"], half_of(found, "lag_squared_s2")
-    if quantity.name == "lag_s":
+    if kind.name == "lag_s":
         return sqrt(max(square_s2 - half_s2, 0.0)), sqrt(square_s2 + half_s2)
-    if quantity.name == "dead_time_s" and square_s2 <= half_s2:
+    if kind.name == "dead_time_s" and square_s2 <= half_s2:
         return -inf, inf  # The root has no slope at 0; ``compatible`` says what is left of the sum.
-    if quantity.unit not in _POSITIVE:
+    if kind.unit not in _POSITIVE:
         return value - half, value + half
     grown = float(np.exp(min(half / value, 9.0)))
     return value / grown, value * grown
 
 
-def _by_profile(found: Fit, quantity: _Quantity, ends: Ends, progress: Progress) -> Ends:
+def _by_profile(found: Fit, kind: _Kind, ends: Ends, progress: Progress) -> Ends:
     """Return the ends by the profile, where the covariance alone would not do."""
     sought = {one.name: one for one in found.problem.parameters}
-    parameter = sought.get(quantity.source)
+    parameter = sought.get(kind.source)
     if parameter is None:
         return ends
     x = found.x[found.problem.place(parameter.name)]
@@ -261,17 +260,17 @@ def _by_profile(found: Fit, quantity: _Quantity, ends: Ends, progress: Progress)
     is_near = x - half <= parameter.low or x + half >= parameter.high
     if not is_near and half <= (_SHARE if parameter.is_log else 0.01):
         return ends
-    low, high = profile(found, quantity.source, progress)
+    low, high = profile(found, kind.source, progress)
     if found.is_coloured:
         # The errors of a wrong car bend the cost, too: a narrower profile would be theirs.
         low = min(low, x - half if x - half > parameter.low else -inf)
         high = max(high, x + half if x + half < parameter.high else inf)
-    if quantity.name != parameter.name and quantity.source != "lag_squared_s2":
+    if kind.name != parameter.name and kind.source != "lag_squared_s2":
         # Of a product the profile of one factor tells no more than whether there is an end.
         return (-inf if low == -inf else ends[0], inf if high == inf else ends[1])
     lower, higher = (
         end if abs(end) == inf
-        else figure_values({**found.values, quantity.source: parameter.value(end)})[quantity.name]
+        else figure_values({**found.values, kind.source: parameter.value(end)})[kind.name]
         for end in (low, high)
     )  # fmt: skip
     return lower, higher
@@ -283,25 +282,25 @@ def half_of(found: Fit, parameter: str) -> float:
     return found.critical * sqrt(float(found.covariance[at, at]))
 
 
-def _slope(found: Fit, quantity: _Quantity) -> FloatArray:
-    """Return the derivatives of a quantity by the coordinates, shape (p,)."""
+def _slope(found: Fit, kind: _Kind) -> FloatArray:
+    """Return the derivatives of a figure by the coordinates, shape (p,)."""
     steps = [1e-4 * one.scale for one in found.problem.coordinates]
     slope: FloatArray = approx_fprime(
-        found.x, lambda x: figure_values(found.problem.values(x))[quantity.name], steps
+        found.x, lambda x: figure_values(found.problem.values(x))[kind.name], steps
     )
     return slope
 
 
-def _partner(found: Fit, quantity: _Quantity, enough: float) -> str:
-    """Return the parameter that, once known, would make a quantity narrow enough; or nothing."""
-    covariance, slope = found.covariance, _slope(found, quantity)
-    of_quantity = covariance @ slope
-    variance = float(slope @ of_quantity)
+def _partner(found: Fit, kind: _Kind, enough: float) -> str:
+    """Return the parameter that, once known, would make a figure narrow enough; or nothing."""
+    covariance, slope = found.covariance, _slope(found, kind)
+    along = covariance @ slope
+    variance = float(slope @ along)
     best, name = enough, ""
     for at, parameter in enumerate(found.problem.coordinates):
-        if parameter.name == quantity.source or (np.count_nonzero(slope) == 1 and slope[at]):
+        if parameter.name == kind.source or (np.count_nonzero(slope) == 1 and slope[at]):
             continue  # itself
-        left = variance - float(of_quantity[at]) ** 2 / max(float(covariance[at, at]), 1e-300)
+        left = variance - float(along[at]) ** 2 / max(float(covariance[at, at]), 1e-300)
         half = found.critical * sqrt(max(left, 0.0))
         if half < best:
             best, name = half, user_name(found.problem, parameter.name)
@@ -310,5 +309,5 @@ def _partner(found: Fit, quantity: _Quantity, enough: float) -> str:
 
 def user_name(problem: Problem, parameter: str) -> str:
     """Return the name of the figure that a parameter is for the user."""
-    names = {one.source: one.name for one in _quantities(problem)}
+    names = {one.source: one.name for one in _kinds(problem)}
     return {**names, "front_share": "front_axle_distance_m"}.get(parameter, parameter)

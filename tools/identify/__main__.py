@@ -220,11 +220,12 @@ class _Progress:
     """Shows how far it is and how long the rest takes; Ctrl-C stops what is timed."""
 
     def __init__(self, bars: Progress) -> None:
-        self._bars, self._task = bars, bars.add_task("")
-        self.stopped_in, self._what, self._is_stopping = "", "", False
+        self._bars, self._task = bars, bars.add_task("reading", total=None)
+        self.stopped_in, self._what, self._hint, self._is_stopping = "", "", "", False
 
     def keep_the_best(self) -> None:
         """Take Ctrl-C for the end of what goes on, and not of the program."""
+        self._hint = " (Ctrl-C keeps the best)"
         signal.signal(signal.SIGINT, self._stop)
 
     def _stop(self, _number: int, _frame: object) -> None:
@@ -238,7 +239,7 @@ class _Progress:
             raise Stopped
         if what != self._what:
             self._what = what
-            self._bars.reset(self._task, description=f"{what} (Ctrl-C keeps the best)")
+            self._bars.reset(self._task, description=what + self._hint)
         self._bars.update(self._task, completed=done, total=of)
 
 
