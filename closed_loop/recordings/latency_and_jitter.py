@@ -122,8 +122,8 @@ class Latencies:
 
     def on_status(
         self, status: messages.SteeringStatus, counter: int, is_late: bool, time_ns: int
-    ) -> int | None:
-        """Take a status of the actuator; returns the round trip that it completes [ns], or None."""
+    ) -> None:
+        """Take a status of the actuator."""
         round_trip_ns = None if is_late else self._round_trips.on_status(status, time_ns)
         if round_trip_ns is not None:
             self._record("round_trip", time_ns, round_trip_ns)
@@ -132,7 +132,6 @@ class Latencies:
             self.close_block()
         self._block.append(_Status(number, time_ns, self._silence_ns, round_trip_ns))
         self._silence_ns = 0
-        return round_trip_ns
 
     def on_plant_status(self, status: messages.PlantStatus, time_ns: int) -> None:
         """Take the latencies that the plant reports."""

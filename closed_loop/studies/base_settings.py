@@ -33,7 +33,7 @@ def plant_tables(base: BaseSettings, file: str, folder: Path, context: Tables) -
     shared = plant_vehicle(folder / base.vehicle if base.vehicle else None)
     own = SharedTable(
         f"{file}: base.plant",
-        {key: in_full(f"plant.{key}", value) for key, value in base.plant.items()},
+        {key: with_path_in_full(f"plant.{key}", value) for key, value in base.plant.items()},
     )
     return tables_of(load_settings(PlantSettings, preset, below, (), shared, context, [own]))
 
@@ -88,12 +88,12 @@ def leaves(tables: Tables, path: str = "", whole: str | None = None) -> list[tup
     return found
 
 
-def set_values(tables: Tables) -> dict[str, Any]:
+def values_by_key(tables: Tables) -> dict[str, Any]:
     """Return what tables set by dotted key; a table with a kind is one value."""
-    return {key: in_full(key, value) for key, value in leaves(tables, whole="kind")}
+    return {key: with_path_in_full(key, value) for key, value in leaves(tables, whole="kind")}
 
 
-def in_full(key: str, value: Any) -> Any:
+def with_path_in_full(key: str, value: Any) -> Any:
     """Return a value; a path by its name, or by its kind with that kind's own measures, in full."""
     is_name = key == PATH and isinstance(value, str)
     return dict(NAMED_PATHS.get(value, {"kind": value})) if is_name else value

@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...controller.settings import ControllerSettings
-from ...hand_wheel.shaking import Shaking
 from ...plant_emulator.evaluation import run_verdict
 from ...plant_emulator.evaluation.error_windows import (
     WINDOW_SHARE_MAX,
@@ -118,17 +117,11 @@ sent, commands that reached the actuator, and frames lost in each direction."""
 class HandWheelFigures(NamedTuple):
     """Figures of a hand wheel; NaN while it is still."""
 
-    hand_wheel_shakes_hz: float
-    hand_wheel_amplitude_rad: float
-    felt_delay_s: float
+    hand_wheel_shakes_hz: float = nan
+    hand_wheel_amplitude_rad: float = nan
+    felt_delay_s: float = nan
     """Mean age of the wheel's angle that the felt torque answers; NaN over a bus, and for a law
     that needs none."""
-
-    @classmethod
-    def of(cls, found: Shaking | None, felt_delay_s: float) -> "HandWheelFigures":
-        """Return the figures of a wheel that shakes so, or is still."""
-        shaking = (nan, nan) if found is None else found
-        return cls(*shaking, felt_delay_s)
 
 
 HAND_WHEEL_COLUMNS = HandWheelFigures._fields

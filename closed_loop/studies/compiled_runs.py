@@ -193,7 +193,8 @@ class Computer:
         row[: COUNTED.start] = figures_on(rules, plant, controller, run, known)
         if wheel is not None and run.wheel is not None:
             felt_s = felt_delay_s(plant, wheel, run.wheel.events)
-            row[COUNTED.stop :] = HandWheelFigures.of(shaking_of(run.wheel), felt_s)
+            shaking = shaking_of(run.wheel) or ()
+            row[COUNTED.stop :] = HandWheelFigures(*shaking)._replace(felt_delay_s=felt_s)
         samples, ticks = len(run.time_s), len(run.tick_s)
         plan = network.plan
         taken = samples + _samples_before_motion(plant, plan)
@@ -210,7 +211,7 @@ class Computer:
         self,
         plant: PlantSettings,
         controller: ControllerSettings,
-        wheel: HandWheelSettings | None = None,
+        wheel: HandWheelSettings | None,
     ) -> Network:
         """Return what the network does to a run; cached for runs with the same network."""
         key = (

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
-from .base_settings import in_full, set_values
+from .base_settings import values_by_key, with_path_in_full
 from .study_file import FactorSettings, SamplingKind, SamplingSettings
 
 _MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
@@ -75,7 +75,7 @@ def make_factor(settings: FactorSettings, is_grid: bool, where: str) -> Factor:
     """
     if settings.levels is not None:
         levels = tuple(
-            Level(label, tuple(set_values(table).items()))
+            Level(label, tuple(values_by_key(table).items()))
             for label, table in settings.levels.items()
         )
         keys = tuple(dict.fromkeys(key for level in levels for key, _ in level.values))
@@ -115,7 +115,7 @@ def _ranged(
 
 
 def _level(value: Any, keys: tuple[str, ...]) -> Level:
-    return Level(_label(value), tuple((key, in_full(key, value)) for key in keys))
+    return Level(_label(value), tuple((key, with_path_in_full(key, value)) for key in keys))
 
 
 def _label(value: Any) -> Label:

@@ -62,6 +62,7 @@ class ReactionWatch:
 
     def on_message(self, time_ns: int, message: messages.Message) -> None:
         """Take a message."""
+        is_wrong, counts = False, tuple[int, ...]()
         match message:
             case messages.SteeringCommand() | messages.SteeringPlan():
                 if isinstance(message, messages.SteeringCommand):
@@ -72,15 +73,18 @@ class ReactionWatch:
                 if message.status in _LEFT_CODES:
                     self._left_ns.append(time_ns)
             case messages.ControllerSafety():
-                is_stale = Freshness.STALE in (
+                counts = message.rejected, message.lost
+                is_wrong = Freshness.STALE in (
                     message.lateral_error_freshness,
                     message.steering_status_freshness,
                     message.vehicle_state_freshness,
                 )
-                self._report(time_ns, message, (message.rejected, message.lost), is_wrong=is_stale)
             case messages.PlantStatus():
-                is_wrong = message.safety is not SafetyState.NORMAL
-                self._report(time_ns, message, (message.rejected,), is_wrong=is_wrong)
+                counts, is_wrong = (message.rejected,), message.safety is not SafetyState.NORMAL
+        before = self._counts.get(type(message), counts)
+        self._counts[type(message)] = counts
+        if is_wrong or counts != before:
+            self._reported_ns.append(time_ns)
 
     def reactions(self, faults: Iterable[Mapping[str, Any]]) -> dict[str, float]:
         """Return the columns of a run with the plant's report on each of its faults [s].
@@ -97,14 +101,6 @@ class ReactionWatch:
             _first_s(times_ns, fault_s) for times_ns in (self._reported_ns, self._left_ns)
         )
         return {"fault_s": fault_s, "reported_s": reported_s, "reaction_s": reaction_s}
-
-    def _report(
-        self, time_ns: int, message: messages.Message, counts: tuple[int, ...], *, is_wrong: bool
-    ) -> None:
-        before = self._counts.get(type(message), counts)
-        self._counts[type(message)] = counts
-        if is_wrong or counts != before:
-            self._reported_ns.append(time_ns)
 
 
 def _first_s(times_ns: Iterable[int], fault_s: float) -> float:
@@ -175,7 +171,7 @@ def _wheel_figures(pair: Pair, node: HandWheelNode) -> HandWheelFigures:
     if pair.hand_wheel is not None and pair.bus is None and not any(it.has_trace for it in lines):
         events = schedule_run(pair.plant, pair.controller, pair.hand_wheel).wheel
         felt_s = nan if events is None else felt_delay_s(pair.plant, pair.hand_wheel, events)
-    return HandWheelFigures.of(node.shaking, felt_s)
+    return HandWheelFigures(*(node.shaking or ()))._replace(felt_delay_s=felt_s)
 
 
 def _ran(pair: Pair) -> tuple[VirtualPair[ControllerNode | LockstepNode], ReactionWatch]:

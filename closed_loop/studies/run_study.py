@@ -161,10 +161,9 @@ def sweep(
         tables_of(driven),
         dict(zip(names, map(tables_of, driving), strict=True)),
         None if wire is None else tables_of(wire),
+        "",
+        dict(zip([BASE_WHEEL, *factors.get(WHEEL, ())], [*held[:1], *held], strict=False)),
         on_nodes=engine == "virtual",
-        hand_wheels=dict(
-            zip([BASE_WHEEL, *factors.get(WHEEL, ())], [*held[:1], *held], strict=False)
-        ),
     )
     return _computed(study)
 

@@ -23,7 +23,7 @@ from .base_settings import (
     controller_tables,
     hand_wheel_tables,
     plant_tables,
-    set_values,
+    values_by_key,
 )
 from .compiled_figures import COLUMNS, HAND_WHEEL_COLUMNS, HAND_WHEEL_VERDICT
 from .factors import Design, Factor, in_grid_order, make_design, make_factor
@@ -92,7 +92,7 @@ class Study(NamedTuple):
     def plant_of(self) -> Mapping[str, Tables]:
         """What a controller changes about the plant, by dotted key, for those that do."""
         variants = self.settings.base.variants.items()
-        return {name: set_values({"plant": one.plant}) for name, one in variants if one.plant}
+        return {name: values_by_key({"plant": one.plant}) for name, one in variants if one.plant}
 
     @property
     def commands(self) -> Mapping[str, Sequence[str]]:
@@ -137,7 +137,7 @@ def study_of_record(file: str, record: str | bytes) -> Study:
     of_file = {key: given[key] for key in StudySettings.model_fields if key in given}
     settings = StudySettings.model_validate_json(json.dumps(of_file))
     tables = given["plant"], given["controllers"], given["bus"]
-    return study_of(settings, file, *tables, given["dialect"], hand_wheels=wheels)
+    return study_of(settings, file, *tables, given["dialect"], wheels)
 
 
 def study_of(
@@ -145,11 +145,11 @@ def study_of(
     file: str,
     plant: Tables,
     controllers: Mapping[str, Tables],
-    bus: Tables | None = None,
-    dialect: str = "",
+    bus: Tables | None,
+    dialect: str,
+    hand_wheels: Mapping[str, Tables],
     *,
     on_nodes: bool = False,
-    hand_wheels: Mapping[str, Tables] = MappingProxyType({}),
 ) -> Study:
     """Return a study of settings whose tables are known; raises SettingsError."""
     design = make_design(study_factors(settings, file), settings.sampling)
@@ -182,7 +182,7 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     controllers = {name: controller_tables(base, name, file, folder) for name in base.names}
     bus = bus_tables(base, file) if has_bus else None
     wheels = _hand_wheels(base, factors, file, folder)
-    study = study_of(settings, file, plant, controllers, bus, dialect, hand_wheels=wheels)
+    study = study_of(settings, file, plant, controllers, bus, dialect, wheels)
     for name in study.commands:
         for factor in study.factors:
             if factor.sets("controller"):

@@ -104,9 +104,12 @@ def delay_of(round_trip: Mapping[str, Any]) -> dict[str, Any]:
     """
     if not round_trip["interval"]:
         return {}
-    low_s, high_s = round_trip["interval"]["mean_s"]
-    # The interval is of 95 %.
-    return {"delay_s": {"mean": round_trip["mean_s"], "mean_std": (high_s - low_s) / 3.92}}
+    return {"delay_s": _with_deviation(round_trip["mean_s"], *round_trip["interval"]["mean_s"])}
+
+
+def _with_deviation(mean: float, low: float, high: float) -> dict[str, float]:
+    """Return a mean, and its standard deviation by its interval of 95 %."""
+    return {"mean": mean, "mean_std": (high - low) / 3.92}
 
 
 class SmoothedTable:
@@ -165,9 +168,7 @@ class SmoothedTable:
         steering = identify_steering(time_s, wheel_rad, command_rad)
         if steering is not None:
             lag = steering.figures[0]
-            # The interval is of 95 %.
-            deviation_s = (lag.high - lag.low) / 3.92
-            self.figures["steering_lag_s"] = {"mean": lag.value, "mean_std": deviation_s}
+            self.figures["steering_lag_s"] = _with_deviation(lag.value, lag.low, lag.high)
 
 
 def draw_smoothed(table: SmoothedTable) -> Picture:
