@@ -14,8 +14,6 @@ from functools import lru_cache, partial
 from itertools import islice
 from typing import NamedTuple
 
-import numpy as np
-
 from ...runtime.command_line import installation
 from ...runtime.settings import SettingsError
 from ..processes.parallel_work import worker_pool
@@ -49,8 +47,7 @@ class Workers(NamedTuple):
     """What computes blocks of ids, in any order.
 
     ``description``  in a few words
-    ``compute``      yields completed blocks; none computed is lost on a stop. An empty one now and
-                     then lets the caller act
+    ``compute``      yields completed blocks; none computed is lost on a stop
     """
 
     description: str
@@ -74,22 +71,21 @@ def block_task(study: Study) -> Callable[[Block], Computed]:
     return partial(compute_block, study.file, study.record)
 
 
-def process_workers(study: Study, count: int) -> Workers:
-    """Return processes of this machine; on a stop they finish the runs that they have begun."""
+def local_workers(scenarios: Scenarios, count: int | None) -> Workers:
+    """Return processes for runs over a bus, threads for others; by default one per processor.
+
+    On a stop processes finish the runs that they have begun.
+    """
+    count = min(count or os.cpu_count() or 1, scenarios.study.runs)
+    if not scenarios.study.on_nodes or count == 1:
+        return thread_workers(scenarios, count)
+    task = block_task(scenarios.study)
 
     def compute(blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         with worker_pool(count) as pool:
-            yield from completed(pool, block_task(study), lambda: count, blocks, should_stop)
+            yield from completed(pool, task, lambda: count, blocks, should_stop)
 
     return Workers(f"{count} processes", compute)
-
-
-def local_workers(scenarios: Scenarios, count: int | None) -> Workers:
-    """Return processes for runs over a bus, threads for others; by default one per processor."""
-    count = min(count or os.cpu_count() or 1, scenarios.study.runs)
-    if scenarios.study.on_nodes and count > 1:
-        return process_workers(scenarios.study, count)
-    return thread_workers(scenarios, count)
 
 
 def completed(
@@ -121,13 +117,8 @@ def completed(
                 failed.append(error)
             else:
                 yield future.result()
-        if not done:
-            yield NOTHING
     if failed:
         raise failed[0]
-
-
-NOTHING = Computed(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
 
 
 @contextmanager
