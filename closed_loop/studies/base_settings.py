@@ -40,10 +40,8 @@ def plant_tables(base: BaseSettings, file: str, folder: Path, context: Tables) -
 
 def controller_tables(base: BaseSettings, name: str, file: str, folder: Path) -> Tables:
     """Return the tables of a controller by its name in the study file; raises SettingsError."""
-    variant, layers = (
-        base.variants.get(name),
-        [SharedTable(f"{file}: base.controller", base.controller)],
-    )
+    layers = [SharedTable(f"{file}: base.controller", base.controller)]
+    variant = base.variants.get(name)
     if variant is not None:
         layers.append(SharedTable(f"{file}: base.variants.{name}", variant.controller))
     source = _preset_or_file(CONTROLLER_PRESETS, variant.preset if variant else name, folder)
