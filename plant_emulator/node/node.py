@@ -161,6 +161,7 @@ class PlantNode:
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
         self._asked_speed_m_s: float | None = None
+        self._slowest_asked_m_s = math.inf
         self._seen: LinearState | None = None
         self._stop_m_s2 = settings.safety.stop_m_s2
         self._sends_truth = settings.ground_truth
@@ -211,7 +212,8 @@ class PlantNode:
                 self.deadline_ns = downlink.next_due_ns
         elif isinstance(received, SpeedRequest):
             # It acts once all that is due before has happened.
-            self._asked_speed_m_s = received.speed_max_m_s
+            self._asked_speed_m_s = asked_m_s = received.speed_max_m_s
+            self._slowest_asked_m_s = min(self._slowest_asked_m_s, asked_m_s)
             self.deadline_ns = min(self.deadline_ns, now_ns)
         elif isinstance(received, LatencyChange | DisturbanceChange):
             if not self.interventions.admit(frame, received, self._motion_ns(now_ns)):
@@ -330,10 +332,11 @@ class PlantNode:
         ``clamped``               other values sent as the end of their signal's range
         ``safety``                interventions of the steering (``SteeringUnit.report``)
         ``interventions``         what tools on the bus have changed (``Interventions.report``)
+        ``slowest_asked_m_s``     speed that the controller asked for; None if it never asked
         ``warnings``              settings that had no effect (``settings_without_effect``)
         """
         settings, clamped = self._settings, self._sampling.frames.clamped
-        reception = self._reception
+        reception, asked_m_s = self._reception, self._slowest_asked_m_s
         return {
             "seed": settings.seed,
             "failure": self._failure,
@@ -356,6 +359,7 @@ class PlantNode:
             "clamped": clamped + self._statuses.clamped,
             "safety": self._unit.report(),
             "interventions": self.interventions.report(),
+            "slowest_asked_m_s": asked_m_s if math.isfinite(asked_m_s) else None,
             "warnings": settings_without_effect(
                 settings,
                 self._motion.path,

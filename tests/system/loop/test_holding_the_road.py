@@ -1,5 +1,6 @@
 """The study holding_the_road, checked against a car that shares no line with the plant."""
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import pytest
 
 from steer_by_wire import SettingsError, simulate
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.evaluation.report_in_words import plant_summary
 from tests.support.loops.own_car import lane_change, largest_deviation_m
 
 STUDY = tomllib.loads(Path("closed_loop/studies/holding_the_road.toml").read_text(encoding="utf-8"))
@@ -83,6 +85,9 @@ def test_a_bend_beyond_the_grip_is_held_by_slowing_down() -> None:
     )
     assert "the car has left its path" in slides.outcome
     assert "the path asks for" in repr(slides)
+    assert "speed" not in dict(plant_summary(slides.plant_report))
+    said = dict(plant_summary(slows.plant_report))["speed"]
+    assert re.fullmatch(r"the controller asked for at most (1\d|2[0-6])\.\d m/s", said)
     assert slows.peak_m < 0.3
     with pytest.raises(SettingsError, match="asks to slow down, which compiled runs do not carry"):
         simulate("highway_nominal", "highway_mpc_asking", engine="compiled", overrides=plant)
