@@ -191,19 +191,20 @@ def compatible(total: Ends, lag: Ends, dead: Ends) -> tuple[Ends, Ends, Ends]:
     """Return the intervals of a delay and of its parts, narrowed to what they allow each other.
 
     No effect comes before its cause, so neither part is below 0 or longer than the whole. A whole
-    below 0 says that two clocks differ, and nothing of its parts.
+    below 0 says that two clocks differ, and leaves no dead time.
     """
     (whole_low, whole_high), (lag_low, lag_high) = total, np.maximum(lag, 0.0).tolist()
     dead_low, dead_high = np.maximum(dead, 0.0).tolist()
-    if whole_high >= 0.0:
-        if dead[1] < 0.0 or lag_low > whole_high:
-            # By chance the fit's lag is beyond the whole, so it does not tell the parts.
-            lag_low, dead_high = 0.0, whole_high
-        whole_low = max(whole_low, lag_low + dead_low)
-        lag_high = min(lag_high, whole_high - dead_low)
-        dead_high = min(dead_high, whole_high - lag_low)
-        lag_low = max(lag_low, whole_low - dead_high)
-        dead_low = max(dead_low, whole_low - lag_high)
+    if whole_high < 0.0:
+        return total, (lag_low, lag_high), (0.0, 0.0)
+    if dead[1] < 0.0 or lag_low > whole_high:
+        # By chance the fit's lag is beyond the whole, so it does not tell the parts.
+        lag_low, dead_high = 0.0, whole_high
+    whole_low = max(whole_low, lag_low + dead_low)
+    lag_high = min(lag_high, whole_high - dead_low)
+    dead_high = min(dead_high, whole_high - lag_low)
+    lag_low = max(lag_low, whole_low - dead_high)
+    dead_low = max(dead_low, whole_low - lag_high)
     return (whole_low, whole_high), (lag_low, lag_high), (dead_low, dead_high)
 
 

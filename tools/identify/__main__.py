@@ -203,10 +203,13 @@ def _advice(margin: DelayMargin | None, found: Identification) -> list[str]:
     own = by_name.get("actuator:delay_and_lag_s", by_name["delay_and_lag_s"])
     lines = [
         f"{margin.controller} at {3.6 * found.speed_m_s:.0f} km/h survives constant delays up to"
-        f" {1e3 * margin.margin_s:.0f} ms [{1e3 * margin.low_s:.0f}, {1e3 * margin.high_s:.0f}], of"
-        f" which the steering's own delay and lag take about {1e3 * own.value:.0f} ms"
-        f" [{1e3 * own.low:.0f}, {1e3 * own.high:.0f}]"
+        f" {1e3 * margin.margin_s:.0f} ms [{1e3 * margin.low_s:.0f}, {1e3 * margin.high_s:.0f}]"
     ]
+    if own.high >= 0.0:
+        lines[0] += (
+            f", of which the steering's own delay and lag take about {1e3 * own.value:.0f} ms"
+            f" [{1e3 * own.low:.0f}, {1e3 * own.high:.0f}]"
+        )
     if margin.share > 0.5:
         how = _MEASURED.get(margin.narrows, "drive more of it")
         lines.append(f"most of that interval comes from {margin.narrows}: {how}")
