@@ -25,6 +25,7 @@ from filterpy.kalman import KalmanFilter
 from matplotlib.figure import Figure
 
 from ...closed_loop.identification.bus_series import BusSamples
+from ...closed_loop.identification.figures import Verdict
 from ...closed_loop.identification.steering import identify_steering
 from ...closed_loop.recordings.log_analysis import LoggedMessages
 from ...closed_loop.recordings.logged import LogError
@@ -119,8 +120,8 @@ class SmoothedTable:
 
     ``time_s``    of each sample since the first frame, shape (n,)
     ``smoothed``  the states at these times
-    ``figures``   of each column and of ``steering_lag_s`` the mean, and that of its standard
-                  deviation
+    ``figures``   of each column and of ``steering_lag_s``, where the log knows it, the mean, and
+                  that of its standard deviation
     """
 
     def __init__(self, path: Path, vehicle: VehicleModelSettings) -> None:
@@ -166,7 +167,7 @@ class SmoothedTable:
             name: {"mean": float(mean), "mean_std": float(std)} for name, mean, std in means
         }
         steering = identify_steering(time_s, wheel_rad, command_rad)
-        if steering is not None:
+        if steering is not None and steering.figures[0].verdict is not Verdict.NOT_IDENTIFIABLE:
             lag = steering.figures[0]
             self.figures["steering_lag_s"] = _with_deviation(lag.value, lag.low, lag.high)
 

@@ -21,8 +21,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 
 FloatArray = NDArray[np.floating[Any]]
 LIMITS = ["limits.steer_rad_max=0.6", "limits.steer_rate_rad_s_max=2.0"]
-PLANT, CONTROLLER = PlantSettings(duration_s=60.0), controller_preset("practical_pd", LIMITS)
-RULES = VerdictRules(), PLANT, CONTROLLER
+RULES = VerdictRules(), PlantSettings(duration_s=60.0), controller_preset("practical_pd", LIMITS)
 TIME_S: FloatArray = np.arange(6001, dtype=np.float64) * 0.01
 NO_COMMANDS: FloatArray = np.zeros(0)
 

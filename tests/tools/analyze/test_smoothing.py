@@ -81,8 +81,7 @@ def test_analyze_smooths_a_recording_and_says_the_offset(
     sets = [word for setting in settings for word in ("--set", f"plant.{setting}")]
     presets = ["--preset", "highway_nominal", "--preset", f"highway_{law}"]
     assert run_loop([*presets, *sets, "--out", str(tmp_path / "run")]) == 0
-    log = tmp_path / "run" / "candump.log"
-    out = tmp_path / "logs"
+    log, out = tmp_path / "run" / "candump.log", tmp_path / "logs"
     assert analyze([str(log), "--out", str(out), "--smooth", str(VEHICLE_FILE)]) == 0
     figures = json.loads((out / "candump" / "figures.json").read_text())["smoothed"]
     offset_rad = figures["steering_offset_rad"]["mean"]
@@ -97,6 +96,16 @@ def test_analyze_smooths_a_recording_and_says_the_offset(
     table = np.genfromtxt(out / "candump" / "smoothed.csv", delimiter=",", names=True)
     assert len(table) > 780
     assert np.diff(table["time_s"]) == pytest.approx(PERIOD_S, rel=1e-2)
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_no_lag_is_said_that_the_log_does_not_know(tmp_path: Path) -> None:
+    jitter = "plant.latency.downlink={model='gamma', mean_s=0.08, spread_s=0.02}"
+    assert run_loop(["--set", jitter, "--duration", "8", "--out", str(tmp_path / "run")]) == 0
+    log = tmp_path / "run" / "candump.log"
+    assert analyze([str(log), "--out", str(tmp_path), "--smooth", str(VEHICLE_FILE)]) == 0
+    figures = json.loads((tmp_path / "candump" / "figures.json").read_text())["smoothed"]
+    assert "steering_lag_s" not in figures
 
 
 def test_a_log_without_enough_is_skipped_in_one_line(
