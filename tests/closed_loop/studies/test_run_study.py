@@ -64,7 +64,6 @@ class Backwards:
     """Computes blocks in the wrong order, each run by itself."""
 
     description = "backwards"
-    count = 1
 
     def __init__(self, scenarios: Scenarios) -> None:
         self._computer = Computer(scenarios)

@@ -88,12 +88,6 @@ def test_a_run_that_leaves_the_sensors_range_is_that_of_the_nodes_up_to_there() 
     assert nodes.plant.report()["not_available"] > 0
 
 
-def test_what_is_computed_ends_between_two_runs(tmp_path: Path) -> None:
-    looks = iter([False, True])
-    computed = Computer(make_scenarios(tmp_path, LOST)).compute([0, 1], lambda: next(looks))
-    assert computed.ids.tolist() == [0]
-
-
 def test_an_error_names_its_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     computer = Computer(make_scenarios(tmp_path, LOST))
 
