@@ -11,10 +11,14 @@ The number of unstable roots at n = 0 is counted by eigenvalues. With n a root c
 circle only at a frequency with |L| = 1, L(ω) = h (e^(jωT) I - F)⁻¹ g, and at n ω T = arg L(ω): it
 leaves the circle where |L| falls with ω, and comes back where |L| rises. Counting these crossings
 gives every range of unstable round trips, not only the first one.
+
+Coulomb friction F damps a swing of amplitude A as b = 4 F/(π A ω) does, by its describing function
+(A. Gelb and W. E. Vander Velde, Multiple-Input Describing Functions, McGraw-Hill 1968). So in a
+loop that is unstable without it, swings grow from that A on whose b brings it to the margin.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from math import pi
+from math import pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +47,9 @@ UP_TO_S = 2.0
 _FREQUENCY_MIN_RAD_S = 1e-3
 _FREQUENCIES = 4000
 _BISECTIONS = 50
+_DAMPINGS_N_M_S = 1e-3, 1e3
+"""Which friction may stand for."""
+_DAMPING_BISECTIONS = 24
 
 
 class UnstableRange(NamedTuple):
@@ -179,8 +186,12 @@ def spring_torque(road: LinearSystem, gradient_n_m: float, rack: Rack) -> Linear
     return road._replace(c=of_wheel)
 
 
-def feedback_loop(plant: PlantSettings, wheel: HandWheelSettings) -> SampledFeedback | None:
+def feedback_loop(
+    plant: PlantSettings, wheel: HandWheelSettings, added_n_m_s: float = 0.0
+) -> SampledFeedback | None:
     """Return the loop of a pair's hand wheel, linear and without friction; None for no bus in it.
+
+    ``added_n_m_s``  damping of the wheel besides its own
 
     A car is taken as its [vehicle], with the lag of its [actuator] and the relaxation of its tyres.
     """
@@ -192,7 +203,8 @@ def feedback_loop(plant: PlantSettings, wheel: HandWheelSettings) -> SampledFeed
     road = road_torque(vehicle, law.torque_gradient_n_m, rack, plant.car)
     if law.law == "spring":
         road = spring_torque(road, law.torque_gradient_n_m, rack)
-    damped = linear._replace(damping_n_m_s=linear.damping_n_m_s + law.damping_n_m_s)
+    damping_n_m_s = linear.damping_n_m_s + law.damping_n_m_s + added_n_m_s
+    damped = linear._replace(damping_n_m_s=damping_n_m_s)
     held = held_wheel(damped, GRIPS[wheel.driver.grip])
     sampled = PASS_THROUGH
     if law.law == "cdob":
@@ -200,6 +212,44 @@ def feedback_loop(plant: PlantSettings, wheel: HandWheelSettings) -> SampledFeed
             wheel.nominal_way, wheel.cycle_s, law.cutoff_rad_s, law.washout_rad_s
         )
     return sampled_feedback(held, road, wheel.cycle_s, sampled)
+
+
+class Threshold(NamedTuple):
+    """A swing of the hand wheel from which on swings grow, while smaller ones die down."""
+
+    amplitude_rad: float
+    frequency_hz: float
+
+
+def friction_threshold(
+    plant: PlantSettings, wheel: HandWheelSettings, round_trip_s: float
+) -> Threshold | None:
+    """Return the swing up to which the wheel's friction holds an unstable loop; None for others.
+
+    ``round_trip_s``  a whole number of cycles
+    """
+    friction_n_m, (low, high) = wheel.wheel.friction_n_m, _DAMPINGS_N_M_S
+    at_margin = feedback_loop(plant, wheel, high)
+    if at_margin is None or not friction_n_m or _shakes(at_margin, round_trip_s):
+        return None
+    for _ in range(_DAMPING_BISECTIONS):
+        middle = sqrt(low * high)
+        loop = feedback_loop(plant, wheel, middle)
+        if loop is None or _shakes(loop, round_trip_s):
+            low = middle
+        else:
+            high, at_margin = middle, loop
+    if high < 1.01 * _DAMPINGS_N_M_S[0]:
+        return None
+    _, omega_rad_s = min(
+        (abs(each_s - round_trip_s), omega)
+        for each_s, _, omega in _crossings(at_margin, round_trip_s + at_margin.cycle_s)
+    )
+    return Threshold(4.0 * friction_n_m / (pi * high * omega_rad_s), omega_rad_s / (2.0 * pi))
+
+
+def _shakes(loop: SampledFeedback, round_trip_s: float) -> bool:
+    return is_unstable_at(unstable_round_trips(loop, round_trip_s), round_trip_s)
 
 
 def computed_text(plant: PlantSettings, wheel: HandWheelSettings) -> str:
@@ -210,7 +260,12 @@ def computed_text(plant: PlantSettings, wheel: HandWheelSettings) -> str:
     ranges = unstable_round_trips(loop, UP_TO_S)
     if not ranges:
         return f"computed: stable at any round trip up to {UP_TO_S:g} s"
+    first_ms = 1e3 * ranges[0].start_s
+    text = f"computed: unstable from a round trip of {first_ms:.0f} ms on, without friction"
+    cycles = round((plant.latency.downlink.mean_s + plant.latency.uplink.mean_s) / wheel.cycle_s)
+    if (threshold := friction_threshold(plant, wheel, cycles * wheel.cycle_s)) is None:
+        return text
     return (
-        f"computed: unstable from a round trip of {1e3 * ranges[0].start_s:.0f} ms on, without"
-        " friction"
+        f"{text}; at {1e3 * cycles * wheel.cycle_s:.0f} ms its friction holds swings up to some"
+        f" ±{threshold.amplitude_rad:.2g} rad, and larger ones grow"
     )
