@@ -103,17 +103,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("--cycle-ms", 1.0, 1e-3, 100.0, "ms", "cycle of the feedback"),
         ("--damping", wheel.damping_n_m_s, 1e-3, 100.0, "N m s/rad", "damping of the hand wheel"),
         ("--inertia", wheel.inertia_kg_m2, 1e-3, 10.0, "kg m2", "inertia of the hand wheel"),
-        ("--torque-sensor", wheel.sensor_n_m_rad, 1e-3, 1e4, "N m/rad", "its stiffness"),
+        ("--torque-sensor", wheel.sensor_n_m_rad, 0.0, 1e4, "N m/rad", "stiffness; 0: rigid"),
         ("--rack-hz", rack.bandwidth_hz, 1e-3, 100.0, "Hz", "bandwidth of the rack's servo"),
-        ("--lag-ms", None, 1e-3, 1e3, "ms", "in its place, a lag as [actuator] of a plant"),
-        ("--ratio", rack.steering_ratio, 1e-3, 100.0, "1", "hand wheel angle per road wheel angle"),
+        ("--lag-ms", None, 1e-3, 1e3, "ms", "lag of first order in place of that servo"),
+        ("--ratio", rack.steering_ratio, 1e-3, 100.0, "", "hand wheel angle per road wheel angle"),
         ("--cdob", None, 0.1, 1e3, "rad/s", "bandwidth of a communication disturbance observer"),
-        ("--washout", _WASHOUT_RAD_S, 0.0, 100.0, "rad/s", "of it: slower torque is the road's"),
-        ("--torque-noise", _NOISE_N_M, 1e-3, 10.0, "N m", "that a law of the frontier may make"),
+        ("--washout", _WASHOUT_RAD_S, 0.0, 100.0, "rad/s", "slower torque is the road's alone"),
+        ("--torque-noise", _NOISE_N_M, 1e-3, 10.0, "N m", "noise that --frontier lets a law make"),
     ):
         parser.add_argument(
             option, type=number(low, high, unit), default=default, metavar="VALUE",
-            help=f"{what} [{unit}]" + (default is not None) * " (default: %(default)g)",
+            help=f"{what} [{unit}]".removesuffix(" []")
+            + ("" if default is None else " (default: %(default)g)"),
         )  # fmt: skip
     parser.add_argument(
         "--plot", type=_png_file, metavar="FILE.png",
@@ -170,6 +171,8 @@ def _refuse_idle(options: argparse.Namespace) -> None:
     """Raise SettingsError for an option that would do nothing next to the others."""
     if options.cdob is None and options.washout != _WASHOUT_RAD_S:
         raise SettingsError("--washout does nothing without --cdob")
+    if options.lag_ms is not None and options.rack_hz != Rack().bandwidth_hz:
+        raise SettingsError("--rack-hz does nothing with --lag-ms")
     if options.frontier is None and options.torque_noise != _NOISE_N_M:
         raise SettingsError("--torque-noise does nothing without --frontier")
     for idle in ("cdob", "jitter_at", "plot", "json"):
