@@ -228,7 +228,7 @@ def _run_whole(
     records = empty_records(
         len(instants.sample_ns),
         instants.ticks.shape[1],
-        # For every car: the test that a run would save is not worth compiling the loop once more.
+        # Of every car: to compile the loop once more costs more than a test that a run would save.
         has_dead_time=motion.dead_time_ns > 0 or plant.car is not None,
         is_car=plant.car is not None,
     )

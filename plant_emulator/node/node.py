@@ -332,7 +332,7 @@ class PlantNode:
         ``clamped``               other values sent as the end of their signal's range
         ``safety``                interventions of the steering (``SteeringUnit.report``)
         ``interventions``         what tools on the bus have changed (``Interventions.report``)
-        ``slowest_asked_m_s``     speed that the controller asked for; None if it never asked
+        ``slowest_asked_m_s``     lowest speed that the controller asked for; None if it never asked
         ``warnings``              settings that had no effect (``settings_without_effect``)
         """
         settings, clamped = self._settings, self._sampling.frames.clamped
