@@ -10,8 +10,7 @@ from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...dbc.secoc.authenticated_node import AuthenticatedNode
-from ...dbc.secoc.authentication import Authentication
-from ...dbc.secoc.key_file import read_key
+from ...dbc.secoc.authentication import Authentication, ComputeMac
 from ...dbc.secoc.secured_frame import CHALLENGE_LENGTH
 from ...plant_emulator.evaluation.run_record import SAMPLES_MAX
 from ...plant_emulator.faults.messages_on_bus import messages_in
@@ -115,12 +114,11 @@ def pair_with(
     return VirtualPair(plant, edge, controller, controller_edge, hand_wheel)
 
 
-def with_key(pair: VirtualPair[N], key_file: Path, seed: int) -> VirtualPair[N]:
-    """Return the nodes behind authentication with the key in a file; raises SettingsError.
+def with_key(pair: VirtualPair[N], compute_mac: ComputeMac, seed: int) -> VirtualPair[N]:
+    """Return the nodes behind authentication with the CMAC of a key.
 
     Their challenges come from the seed, so that a run in virtual time can be made again.
     """
-    compute_mac = read_key(key_file)
     present = {"PLANT": pair.edge, "CONTROLLER": pair.controller_edge}
     if pair.hand_wheel is not None:
         present["HAND_WHEEL"] = pair.hand_wheel

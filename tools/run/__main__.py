@@ -34,6 +34,7 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
 from steer_by_wire.dbc.edge import add_key_file_argument
+from steer_by_wire.dbc.secoc.key_file import read_key
 from steer_by_wire.hand_wheel.program import write_hand_wheel_trace
 from steer_by_wire.hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
@@ -214,6 +215,7 @@ def _run(options: argparse.Namespace) -> int:
     if wheel is not None and ours is not None:
         plant_settings, ours, wheel = with_hand_wheel(plant_settings, ours, wheel)
         controller = ours
+    compute_mac = options.key_file and read_key(options.key_file)
     bus = _bus_settings(options)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
@@ -232,7 +234,7 @@ def _run(options: argparse.Namespace) -> int:
         is_ideal=options.ideal_wire,
         language=language,
         hand_wheel=wheel,
-        key_file=options.key_file,
+        compute_mac=compute_mac,
     )
     reports = reports_of(run, plant_settings, controller, wheel)
     lines = summary(run, reports)

@@ -19,6 +19,7 @@ from ...controller.settings import ControllerSettings
 from ...dbc.bus_language import OUR_LANGUAGE, BusLanguage
 from ...dbc.edge import translated_text
 from ...dbc.messages import SteeredBy
+from ...dbc.secoc.authentication import ComputeMac
 from ...hand_wheel.node import STEERED_BY_TEXTS, HandWheelNode
 from ...hand_wheel.program import QUANTITIES as HAND_WHEEL_QUANTITIES
 from ...hand_wheel.program import SAMPLES_MAX as HAND_WHEEL_SAMPLES_MAX
@@ -186,7 +187,7 @@ def run_in_virtual_time(
     is_ideal: bool,
     language: BusLanguage = OUR_LANGUAGE,
     hand_wheel: HandWheelSettings | None = None,
-    key_file: Path | None = None,
+    compute_mac: ComputeMac | None = None,
 ) -> Run:
     """Run plant and controller on a bus with these settings.
 
@@ -194,7 +195,7 @@ def run_in_virtual_time(
     ``is_ideal``    if frames are to take no time
     ``language``    of the bus; a program speaks a car's of itself
     ``hand_wheel``  None: there is none
-    ``key_file``    with which our nodes authenticate their frames; None: they do not
+    ``compute_mac``  of the key with which our nodes authenticate their frames; None: they do not
     """
     wheel = None if hand_wheel is None else HandWheelNode(hand_wheel, 0, HAND_WHEEL_SAMPLES_MAX)
     bitrate = settings.bitrate_bit_s
@@ -203,8 +204,8 @@ def run_in_virtual_time(
     begin_s = time.perf_counter()
     with stop.on_signals(), controller_node(controller) as node:
         pair = pair_with(plant_settings, node, language=language, hand_wheel=wheel)
-        if key_file is not None:
-            pair = with_key(pair, key_file, plant_settings.seed)
+        if compute_mac is not None:
+            pair = with_key(pair, compute_mac, plant_settings.seed)
         try:
             with _progress(plant_settings.duration_s) as on_second:
 
