@@ -50,7 +50,7 @@ class WheelEvents(NamedTuple):
     ``is_state``      whether an arrival is that of a HAND_WHEEL_STATE
     ``commands``      how many commands arrive before an ARRIVAL
     ``ticks``         how many control ticks come before an event
-    ``in_use``        sample of each ``Uplink`` that is in use at each cycle, and of the force
+    ``in_use``        sample of each ``Uplink`` that is in use at each cycle, -1 for none
     ``tick_cycle``    newest cycle that the controller has heard of at each tick
     ``tick_wheel``    sample whose STEERING_STATUS is the newest at each tick
     ``mode``, ``share``, ``kick_n_m``, ``cycle_tick``  at each cycle; the last is the newest tick
@@ -94,7 +94,9 @@ def wheel_events(
     forces, cycles = np.arange(len(force_ns)), np.arange(len(cycle_ns))
     columns = (
         np.concatenate((due_ns, force_ns, cycle_ns)),
-        np.concatenate((rank, 0 * forces + Event.FORCE, 0 * cycles + Event.CYCLE)),
+        np.concatenate(
+            (rank, np.full_like(forces, Event.FORCE), np.full_like(cycles, Event.CYCLE))
+        ),
         np.concatenate((index, forces, cycles)),
         np.concatenate((kind == 2, 0 * forces, 0 * cycles)),
         np.concatenate((before, 0 * forces, 0 * cycles)),
