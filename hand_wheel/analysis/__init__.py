@@ -1,4 +1,4 @@
-"""Analysis of the feedback loop: the round trips of the bus at which the wheel shakes.
+"""Parts of the feedback loop for its analysis: the wheel alone, the road, and laws, sampled.
 
-Begin with ``wheel_alone``, which is in closed form.
+Begin with ``wheel_alone``, in closed form; ``closed_loop.scripting`` closes the loop.
 """
