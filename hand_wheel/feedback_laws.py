@@ -5,14 +5,17 @@
     model        F = G_n θ                        nominal way from angle to torque: no bus at all
     cdob         F = -g f + d - slow(d)           communication disturbance observer
                  d = Q (G_n θ + g f)              Q = ω_c/(s + ω_c)
+    dob          F = -g f + d                     disturbance observer of the wheel
+                 d = Q ((J_n s + b_n) s θ + F - T_d)
 
     F   torque against the angle [N m]            f   RACK_FORCE, to the left positive [N]
     g   so that the nominal front axle, standing still sideways, gives K [N m/N]
     K   torque gradient [N m/rad]                 G_n   ``nominal_road``
     slow   low-pass of the washout: what is slower reaches the hand from the road alone
+    T_d    torque of the driver, by the sensor    J_n, b_n   inertia and damping that he is to feel
 
-The discrete cdob is that of ``sampled_laws``. To each law
-come damping and friction of the motor, and, if asked for, a passivity controller: it counts the
+The discrete observers are those of ``sampled_laws``. To each law come damping and friction of the
+motor, and, if asked for, a passivity controller: it counts the
 energy that the feedback has given to the wheel, and damps the wheel as soon as it gave more than it
 took (B. Hannaford and J.-H. Ryu, Time-domain passivity control of haptic interfaces, IEEE
 Transactions on Robotics and Automation 18(1), 2002).
@@ -30,6 +33,7 @@ class FeedbackParams(NamedTuple):
     """The symbols above, sampled.
 
     ``a``, ``b``, ``c``  G_n            ``kept``, ``kept_slow``  of Q and of the washout, a cycle
+    ``inertia_n_m_rad``, ``damping_n_m_rad``  of the dob, for an angle less its low-pass by Q
     ``friction_n_m``     of the motor, full from a rate of ``friction_rad_s`` on
     ``passive_n_m_s``    largest damping of the passivity controller; 0 for none
     """
@@ -41,6 +45,8 @@ class FeedbackParams(NamedTuple):
     c: Row
     kept: float
     kept_slow: float
+    inertia_n_m_rad: float
+    damping_n_m_rad: float
     damping_n_m_s: float
     friction_n_m: float
     friction_rad_s: float
@@ -49,7 +55,10 @@ class FeedbackParams(NamedTuple):
 
 
 class FeedbackState(NamedTuple):
-    """State of G_n, d, slow(d), and the energy that the wheel has given to the feedback [J]."""
+    """State of G_n, d, slow(d), and the energy that the wheel has given to the feedback [J].
+
+    The dob has the angle's low-pass in the place of the first state of G_n.
+    """
 
     nominal: Row
     observed_n_m: float
@@ -58,12 +67,13 @@ class FeedbackState(NamedTuple):
 
 
 class FeedbackInput(NamedTuple):
-    """Angle and rate of the hand wheel, force on the rack, angle of the road wheels."""
+    """Angle and rate of the hand wheel, force on the rack, angle of the road wheels, and T_d."""
 
     angle_rad: float
     rate_rad_s: float
     rack_force_n: float
     wheel_rad: float
+    driver_torque_n_m: float
 
 
 Stepped = tuple[FeedbackState, float]
@@ -108,17 +118,32 @@ def cdob_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
     return after, road_n_m + observed - slow
 
 
+def dob_step(p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
+    """Return the road's torque with what makes the wheel the nominal one."""
+    road_n_m, lag_rad = -p.force_n_m_n * u.rack_force_n, u.angle_rad - x.nominal[0]
+    after = FeedbackState(
+        (x.nominal[0] + (1.0 - p.kept) * lag_rad, 0.0, 0.0),
+        x.observed_n_m
+        + p.damping_n_m_rad * lag_rad
+        + (1.0 - p.kept) * (road_n_m - u.driver_torque_n_m),
+        x.slow_n_m,
+        x.energy_j,
+    )
+    return after, p.inertia_n_m_rad * lag_rad + x.observed_n_m + road_n_m
+
+
 FEEDBACK_LAWS: Mapping[str, FeedbackLaw] = MappingProxyType(
     {
         "rack_force": FeedbackLaw(rack_force_step, SteeringForce),
         "spring": FeedbackLaw(spring_step, SteeringStatus),
         "model": FeedbackLaw(model_step, None),
         "cdob": FeedbackLaw(cdob_step, SteeringForce),
+        "dob": FeedbackLaw(dob_step, SteeringForce),
     }
 )
 
 
-_RACK_FORCE, _SPRING, _MODEL, _ = range(len(FEEDBACK_LAWS))
+_RACK_FORCE, _SPRING, _MODEL, _CDOB, _ = range(len(FEEDBACK_LAWS))
 
 
 def feedback_step(law: int, p: FeedbackParams, x: FeedbackState, u: FeedbackInput) -> Stepped:
@@ -127,7 +152,9 @@ def feedback_step(law: int, p: FeedbackParams, x: FeedbackState, u: FeedbackInpu
         return rack_force_step(p, x, u)
     if law == _SPRING:
         return spring_step(p, x, u)
-    return model_step(p, x, u) if law == _MODEL else cdob_step(p, x, u)
+    if law == _MODEL:
+        return model_step(p, x, u)
+    return cdob_step(p, x, u) if law == _CDOB else dob_step(p, x, u)
 
 
 def resist(p: FeedbackParams, x: FeedbackState, against_n_m: float, rate_rad_s: float) -> Stepped:

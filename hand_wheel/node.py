@@ -307,14 +307,20 @@ class HandWheelNode:
             self._steered_by, self._ordered_n_m = SteeredBy.DRIVER, 0.0
         self._share = share_step(self._share, before.mode, mode, self._share_step)
         time_ns, wheel = due_ns - self._start_ns, self._wheel
-        observed = (wheel.angle_rad, wheel.rate_rad_s, self._rack_force_n, self._wheel_rad)
+        observed = FeedbackInput(
+            wheel.angle_rad,
+            wheel.rate_rad_s,
+            self._rack_force_n,
+            self._wheel_rad,
+            wheel.driver_torque_n_m,
+        )
         inputs = CycleInput(
             self._late.oldest_rad,
             self._sight,
             kicks_n_m(self._kicks, time_ns),
             time_ns < self._let_go_ns,
             self._steered_by is not SteeredBy.LAW,
-            FeedbackInput(*observed),
+            observed,
             self._ratio,
             # The assist of the law needs no road, only a wheel that is sound.
             self._ordered_n_m * (self._share if self._failure else 1.0),

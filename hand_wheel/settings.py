@@ -109,11 +109,15 @@ class NominalModelSettings(Settings):
 class FeedbackSettings(Settings):
     """`[feedback]`: the law, and the damping and friction that the motor adds."""
 
-    law: Literal["rack_force", "spring", "model", "cdob"] = "rack_force"
+    law: Literal["rack_force", "spring", "model", "cdob", "dob"] = "rack_force"
     torque_gradient_n_m: float = Field(6.0, ge=0.0, le=1000.0)
     """Torque for each radian of the hand wheel while the vehicle does not move sideways; chosen."""
     cutoff_rad_s: float = Field(50.0, ge=0.1, le=1000.0)
-    """Bandwidth of the cdob."""
+    """Bandwidth of cdob and dob."""
+    dob_inertia_kg_m2: float = Field(HandWheel().inertia_kg_m2, ge=0.0, le=10.0)
+    """Inertia that the dob lets the driver feel."""
+    dob_damping_n_m_s: float = Field(HandWheel().damping_n_m_s, ge=0.0, le=100.0)
+    """Damping that the dob lets the driver feel."""
     washout_rad_s: float = Field(2.0, ge=0.0, le=100.0)
     """Washout of the cdob: slower torque comes from the road alone. 0 switches it off."""
     damping_n_m_s: float = Field(0.0, ge=0.0, le=100.0)
@@ -190,17 +194,22 @@ class HandWheelSettings(Settings):
     @property
     def feedback_params(self) -> FeedbackParams:
         """Constants of the law; computing them takes some milliseconds."""
-        from .analysis.sampled_laws import sampled_model  # loads scipy; every run reads settings
+        from .analysis.sampled_laws import (
+            dob_gains,
+            sampled_model,
+        )  # loads scipy; every run reads settings
 
         table, model, ratio = self.feedback, self.nominal_model, self.steering_ratio
         gradient = table.torque_gradient_n_m
         force_n_rad = model.front_cornering_stiffness_n_rad * model.trail_m / model.arm_m
+        observer = table.dob_inertia_kg_m2, table.dob_damping_n_m_s, self.cycle_s
         return FeedbackParams(
             gradient * ratio / force_n_rad,
             gradient * ratio,
             *sampled_model(self.nominal_way, self.cycle_s),
             kept_of(table.cutoff_rad_s, self.cycle_s),
             kept_of(table.washout_rad_s, self.cycle_s),
+            *dob_gains(*observer, table.cutoff_rad_s),
             table.damping_n_m_s,
             table.friction_n_m,
             table.friction_rad_s,

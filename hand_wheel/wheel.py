@@ -84,6 +84,15 @@ def held_wheel(wheel: HandWheel, grip: Grip) -> LinearSystem:
     return LinearSystem(np.array(a), np.array(b), np.array(c))
 
 
+def sensed_torque(wheel: HandWheel, grip: Grip) -> Matrix:
+    """Return the row that gives the arms' torque at the sensor from the states of that system."""
+    if (sensor_n_m_rad := wheel.sensor_n_m_rad) != 0.0:
+        return np.array([-sensor_n_m_rad, 0.0, 0.0, sensor_n_m_rad, 0.0])
+    acceleration = held_wheel(wheel, grip).a[1]
+    resisted = np.array([grip.stiffness_n_m, grip.damping_n_m_s, 0.0])
+    return np.asarray(-resisted - grip.inertia_kg_m2 * acceleration)
+
+
 def _parted_wheel(wheel: HandWheel, grip: Grip) -> LinearSystem:
     sensor_n_m_rad, above_kg_m2 = wheel.sensor_n_m_rad, wheel.rim_share * wheel.inertia_kg_m2
     below_kg_m2 = wheel.inertia_kg_m2 - above_kg_m2

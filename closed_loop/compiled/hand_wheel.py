@@ -331,7 +331,9 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
         e.kick_n_m[cycle],
         cycle * w.cycle_ns < w.let_go_ns,
         w.steered_by[tick] != _LAW,
-        FeedbackInput(wheel.angle_rad, wheel.rate_rad_s, force_n, road_wheel_rad),
+        FeedbackInput(
+            wheel.angle_rad, wheel.rate_rad_s, force_n, road_wheel_rad, wheel.driver_torque_n_m
+        ),
         w.ratio,
         w.order_n_m[tick],
         e.mode[cycle],

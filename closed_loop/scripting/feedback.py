@@ -31,10 +31,11 @@ from ...hand_wheel.analysis.sampled_laws import (
     PASS_THROUGH,
     SampledLaw,
     sampled_cdob,
+    sampled_dob,
     zero_order_hold,
 )
 from ...hand_wheel.settings import HandWheelSettings
-from ...hand_wheel.wheel import GRIPS, LinearSystem, Matrix, held_wheel
+from ...hand_wheel.wheel import GRIPS, LinearSystem, Matrix, held_wheel, sensed_torque
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.motion_parameters import vehicle_params
@@ -75,16 +76,25 @@ class SampledFeedback(NamedTuple):
 
 
 def sampled_feedback(
-    wheel: LinearSystem, road: LinearSystem, cycle_s: float, law: SampledLaw = PASS_THROUGH
+    wheel: LinearSystem,
+    road: LinearSystem,
+    cycle_s: float,
+    law: SampledLaw = PASS_THROUGH,
+    sensed: Matrix | None = None,
 ) -> SampledFeedback:
-    """Return the loop, cut where the bus is; no torque of the driver but by his grip."""
+    """Return the loop, cut where the bus is; no torque of the driver but by his grip.
+
+    ``sensed``  of ``sensed_torque``; None where the law does not read the driver's torque
+    """
     (a, b, c), (a_road, b_road, c_road) = (zero_order_hold(part, cycle_s) for part in (wheel, road))
-    of_angle, of_road, _ = law.b.T
+    of_angle, of_road, of_driver = law.b.T
     by_angle, by_road, _ = law.d
     f = block_diag(a + by_angle * np.outer(b, c), a_road, law.a)
     first, last = len(b), len(b) + len(b_road)
     f[first:last, :first] = np.outer(b_road, c)
     f[:first, last:], f[last:, :first] = np.outer(b, law.c), np.outer(of_angle, c)
+    if sensed is not None:
+        f[last:, :first] += np.outer(of_driver, sensed)
     g = np.concatenate((by_road * b, np.zeros(len(b_road)), of_road))
     h = np.concatenate((np.zeros(first), c_road, np.zeros(len(law.c))))
     return SampledFeedback(f, g, h, cycle_s)
@@ -206,13 +216,16 @@ def feedback_loop(
         road = spring_torque(road, law.torque_gradient_n_m, rack)
     damping_n_m_s = linear.damping_n_m_s + law.damping_n_m_s + added_n_m_s
     damped = linear._replace(damping_n_m_s=damping_n_m_s)
-    held = held_wheel(damped, GRIPS[wheel.driver.grip])
-    sampled = PASS_THROUGH
+    grip, sampled = GRIPS[wheel.driver.grip], PASS_THROUGH
+    if law.law == "dob":
+        known = law.dob_inertia_kg_m2, law.dob_damping_n_m_s
+        sampled = sampled_dob(*known, wheel.cycle_s, law.cutoff_rad_s)
     if law.law == "cdob":
         sampled = sampled_cdob(
             wheel.nominal_way, wheel.cycle_s, law.cutoff_rad_s, law.washout_rad_s
         )
-    return sampled_feedback(held, road, wheel.cycle_s, sampled)
+    sensed = sensed_torque(damped, grip)
+    return sampled_feedback(held_wheel(damped, grip), road, wheel.cycle_s, sampled, sensed)
 
 
 class Threshold(NamedTuple):

@@ -80,12 +80,19 @@ def sampled_dob(
 
     The observer sees the torque that it makes itself, so it integrates.
     """
-    kept, gain = _low_pass(cutoff_rad_s, cycle_s)
-    direct = cutoff_rad_s * inertia_kg_m2 * gain
-    integrated = (1.0 - kept) * damping_n_m_s * gain
+    kept, _ = _low_pass(cutoff_rad_s, cycle_s)
+    direct, integrated = dob_gains(inertia_kg_m2, damping_n_m_s, cycle_s, cutoff_rad_s)
     a = np.array([[kept, 0.0], [-integrated, 1.0]])
     b = np.array([[1.0 - kept, 0.0, 0.0], [integrated, 1.0 - kept, kept - 1.0]])
     return SampledLaw(a, b, np.array([-direct, 1.0]), np.array([direct, 1.0, 0.0]))
+
+
+def dob_gains(
+    inertia_kg_m2: float, damping_n_m_s: float, cycle_s: float, cutoff_rad_s: float
+) -> tuple[float, float]:
+    """Return torque, and torque added in a cycle, per angle less its low-pass [N m/rad]."""
+    kept, gain = _low_pass(cutoff_rad_s, cycle_s)
+    return cutoff_rad_s * inertia_kg_m2 * gain, (1.0 - kept) * damping_n_m_s * gain
 
 
 def zero_order_hold(system: LinearSystem, time_s: float) -> LinearSystem:

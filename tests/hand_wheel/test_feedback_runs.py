@@ -14,9 +14,9 @@ from tests.searches.feedback_boundaries import (
 )
 
 
-@pytest.mark.parametrize("number", [3, 13], ids=["road's force", "CDOB"])
-def test_runs_shake_where_the_analysis_says(number: int) -> None:
-    boundary = boundary_n_m(loop := drawn(number))
+@pytest.mark.parametrize(("number", "law"), [(3, "rack_force"), (13, "cdob"), (3, "dob")])
+def test_runs_shake_where_the_analysis_says(number: int, law: str) -> None:
+    boundary = boundary_n_m(loop := drawn(number)._replace(law=law))
     assert boundary is not None
     assert disagreements(loop, boundary) == []
 

@@ -50,7 +50,7 @@ def drawn(seed: int) -> dict[str, Any]:
         "controller.hand_wheel.hand_back_s": rng.choice([0.2, 2.0]),
         "controller.hand_wheel.hands_off_n_m": rng.choice([0.3, 1.5]),
         "hand_wheel.cycle_ms": rng.choice([1.0, 3.0, 10.0]),
-        "hand_wheel.feedback.law": rng.choice(["rack_force", "spring", "model", "cdob"]),
+        "hand_wheel.feedback.law": rng.choice(["rack_force", "spring", "model", "cdob", "dob"]),
         "hand_wheel.feedback.passive_n_m_s_max": rng.choice([0.0, 1.0]),
         "hand_wheel.supervision.timeout_ms": rng.choice([25.0, 100.0]),
         "hand_wheel.supervision.fade_ms": rng.choice([50.0, 500.0]),

@@ -39,7 +39,7 @@ LAWS = get_args(FeedbackSettings.model_fields["law"].annotation)
 
 def drawn(seed: int) -> Floats:
     random = np.random.default_rng(seed)
-    rows = np.cumsum(random.normal(0.0, 0.02, (3000, 4)), axis=0) * [1.0, 5.0, 1e3, 0.1]
+    rows = np.cumsum(random.normal(0.0, 0.02, (3000, 5)), axis=0) * [1.0, 5.0, 1e3, 0.1, 5.0]
     rows[random.random(3000) < 0.2, 1] = 0.0
     rows[-50:, 2] = random.choice(EXTREMES, 50)
     return np.ascontiguousarray(rows)
