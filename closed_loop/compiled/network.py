@@ -210,12 +210,16 @@ def _latencies_ns(
     )
 
 
+def _inverse(u: float, _mean: float, _deviation: float) -> float:
+    return statistics.NormalDist().inv_cdf(u)
+
+
 def normal_scores(u: FloatArray) -> FloatArray:
     """Return Φ⁻¹(u) of an array, as ``NormalDist.inv_cdf`` computes it.
 
     The method's checks around this function cost a seventh of a jittery schedule's time.
     """
-    inverse = statistics._normal_dist_inv_cdf  # type: ignore[attr-defined]
+    inverse = getattr(statistics, "_normal_dist_inv_cdf", _inverse)
     return np.fromiter(map(inverse, u.tolist(), repeat(0.0), repeat(1.0)), np.float64, len(u))
 
 

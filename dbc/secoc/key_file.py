@@ -32,8 +32,8 @@ _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 def open_authentication(path: Path, peers: Collection[str]) -> Authentication:
     """Start one end, of these peers, with the key in ``path``; raises SettingsError.
 
-    Its challenge comes from the operating system's random generator: it is the only number here
-    that must not come from a seed.
+    Its challenge comes from the operating system's random generator. On a bus it must not come from
+    a seed: whoever knew it could have recorded the answers before.
     """
     compute_mac = read_key(path)
     challenge = os.urandom(CHALLENGE_LENGTH)
