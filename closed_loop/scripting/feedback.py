@@ -282,6 +282,6 @@ def computed_text(plant: PlantSettings, wheel: HandWheelSettings) -> str:
     if threshold is None or any(line.schedule or line.has_trace for line in lines):
         return text
     return (
-        f"{text}; at {1e3 * cycles * wheel.cycle_s:.0f} ms its friction holds swings up to some"
+        f"{text}; at {1e3 * cycles * wheel.cycle_s:.0f} ms its friction holds swings up to about"
         f" ±{threshold.amplitude_rad:.2g} rad, and larger ones grow"
     )

@@ -26,7 +26,7 @@ def test_friction_holds_swings_below_the_one_that_is_computed() -> None:
     pair = settings_of(loop, 6.0, friction_n_m=0.3)
     found = friction_threshold(*pair, 0.04)
     assert found is not None
-    assert f"at 40 ms its friction holds swings up to some ±{found[0]:.2g}" in computed_text(*pair)
+    assert f"at 40 ms its friction holds swings up to about ±{found[0]:.2g}" in computed_text(*pair)
     for kick_n_m, verdict in ((1.77, "still"), (1.83, "shakes at 1.")):
         node = kicked(*settings_of(loop, 6.0, kick_n_m, friction_n_m=0.3))
         early_rad = [sample.angle_rad for sample in node.samples[100:180]]
