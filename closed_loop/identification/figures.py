@@ -181,10 +181,24 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
             lower, higher = _ends(other, kind)
             low, high = min(low, lower), max(high, higher)
         ends[kind.name] = (max(low, 0.0) if kind.unit in _POSITIVE else low), high
+    wide = [name for name in DELAYS if _width(ends[name]) > 2.0 * _ENOUGH.get(name, _ENOUGH["s"])]
     ends |= zip(DELAYS, compatible(*map(ends.__getitem__, DELAYS)), strict=True)
     values = figure_values(found.values)
     values["lag_s"] = min(values["lag_s"], max(values["delay_and_lag_s"], 0.0))
-    return [_figure(found, one, values[one.name], ends[one.name]) for one in kinds]
+    found_figures = [_figure(found, one, values[one.name], ends[one.name]) for one in kinds]
+    # That none is below 0 narrows a whole, and by it the parts, which the log does not tell.
+    unknown = wide if DELAYS[0] in wide else ()
+    return [_unidentified(one) if one.name in unknown else one for one in found_figures]
+
+
+def _width(ends: Ends) -> float:
+    return ends[1] - ends[0]
+
+
+def _unidentified(figure: Figure) -> Figure:
+    if figure.verdict is not Verdict.IDENTIFIED:
+        return figure
+    return figure._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=_ADVICE.get(figure.name, _SWEEP))
 
 
 def compatible(total: Ends, lag: Ends, dead: Ends) -> tuple[Ends, Ends, Ends]:

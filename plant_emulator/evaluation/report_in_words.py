@@ -35,7 +35,7 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if safety["interventions"]:
         yield "limited", f"commands by {causes_line(safety['interventions'])}"
     if node["slowest_asked_m_s"] is not None:
-        yield "speed", f"the controller asked for at most {node['slowest_asked_m_s']:.1f} m/s"
+        yield "speed", f"the controller asked to slow down to {node['slowest_asked_m_s']:.1f} m/s"
     made = node["interventions"]
     for index, each in enumerate(made["kept"][:_INTERVENTIONS_SHOWN]):
         yield f"intervention {index + 1}", each["text"]

@@ -212,8 +212,7 @@ class PlantNode:
                 self.deadline_ns = downlink.next_due_ns
         elif isinstance(received, SpeedRequest):
             # It acts once all that is due before has happened.
-            self._asked_speed_m_s = asked_m_s = received.speed_max_m_s
-            self._slowest_asked_m_s = min(self._slowest_asked_m_s, asked_m_s)
+            self._asked_speed_m_s = received.speed_max_m_s
             self.deadline_ns = min(self.deadline_ns, now_ns)
         elif isinstance(received, LatencyChange | DisturbanceChange):
             if not self.interventions.admit(frame, received, self._motion_ns(now_ns)):
@@ -258,9 +257,11 @@ class PlantNode:
                 if (asked := self._live_disturbances.asked) is not None:
                     self._advance(now_ns)
                     self._motion.disturb(self._live_disturbances.taken(asked))
-                if self._asked_speed_m_s is not None:
+                if (asked_m_s := self._asked_speed_m_s) is not None:
                     self._advance(now_ns)
-                    self._motion.limit_speed(self._asked_speed_m_s)
+                    if asked_m_s < self._motion.speed_m_s:
+                        self._slowest_asked_m_s = min(self._slowest_asked_m_s, asked_m_s)
+                    self._motion.limit_speed(asked_m_s)
                     self._asked_speed_m_s = None
                 self.deadline_ns = due_ns
                 self._reception.on_sent(frames)
@@ -332,7 +333,7 @@ class PlantNode:
         ``clamped``               other values sent as the end of their signal's range
         ``safety``                interventions of the steering (``SteeringUnit.report``)
         ``interventions``         what tools on the bus have changed (``Interventions.report``)
-        ``slowest_asked_m_s``     lowest speed that the controller asked for; None if it never asked
+        ``slowest_asked_m_s``     to which the controller asked to slow down; None if it never did
         ``warnings``              settings that had no effect (``settings_without_effect``)
         """
         settings, clamped = self._settings, self._sampling.frames.clamped

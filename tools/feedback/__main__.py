@@ -220,6 +220,9 @@ def _record(row: Row) -> dict[str, Any]:
 def _show_frontier(folder: Path, models: Sequence[Bench], title: str) -> int:
     from steer_by_wire.tools.feedback.picture import draw_frontier  # loads matplotlib
 
+    if folder.is_file():
+        raise SettingsError(f"--frontier {folder} is a file: give the name of a folder")
+    folder.mkdir(parents=True, exist_ok=True)  # before a minute's work
     found = [frontier(bench) for bench in models]
     marks = "F, I, J: shakes with friction, ice, jitter"
     tables = []
@@ -235,7 +238,6 @@ def _show_frontier(folder: Path, models: Sequence[Bench], title: str) -> int:
         [point._asdict() | {"design": point.design and point.design.settings} for point in points]
         for points in found
     ]
-    folder.mkdir(parents=True, exist_ok=True)
     write_file(folder / "frontier.png", draw_frontier(found, title))
     show = partial(plain_console().print, *tables, sep="\n")
     written = {"title": title, **_of_both("points", record)}

@@ -218,6 +218,8 @@ def run_in_virtual_time(
             raise BusError(f"{bitrate} bit/s are too few: {error}") from error
     elapsed_s = time.perf_counter() - begin_s
     carrier = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
+    if compute_mac is not None:
+        carrier += ", with all nodes authenticated"
     where, ended_by = f"virtual time over {carrier}", stop.reason or FINISHED
     if not (pair.has_started or stop.reason or pair.edge.finished or node.finished):
         ended_by = f"{START_S_MAX} s without a command"

@@ -136,10 +136,11 @@ def test_an_estimate_is_told_and_written_within_its_own_interval() -> None:
     assert written["identified"]["delay_and_lag_s"] == 0.0
 
 
-@pytest.mark.parametrize("beyond", [-4.0, -1.0, 0.0, 1.0, 4.0])
-def test_the_parts_of_a_delay_are_within_the_whole(beyond: float) -> None:
+@pytest.mark.parametrize(("beyond", "wider"), [(-4, 1), (-1, 1), (0, 1), (1, 1), (4, 1), (-1, 100)])
+def test_the_parts_of_a_delay_are_within_the_whole(beyond: int, wider: int) -> None:
     """Noise may make the whole shorter than a part."""
     one, x = found().fit, found().fit.x.copy()
+    one = one._replace(covariance=wider**2 * one.covariance)
     shift_s = beyond * half_of(one, "delay_and_lag_s")
     x[one.problem.place("delay_and_lag_s")] = one.values["lag_squared_s2"] ** 0.5 + shift_s
     figures = {it.name: it for it in figures_of(one._replace(x=x), None)}
@@ -147,6 +148,7 @@ def test_the_parts_of_a_delay_are_within_the_whole(beyond: float) -> None:
     assert lag.low + dead.low <= total.low <= lag.high + dead.high
     assert total.high >= max(lag.high, dead.high)
     assert total.value >= lag.value
+    assert (total.verdict is Verdict.IDENTIFIED) == (wider == 1)
 
 
 def test_errors_of_the_right_model_are_white() -> None:

@@ -87,7 +87,7 @@ def test_a_bend_beyond_the_grip_is_held_by_slowing_down() -> None:
     assert "the path asks for" in repr(slides)
     assert "speed" not in dict(plant_summary(slides.plant_report))
     said = dict(plant_summary(slows.plant_report))["speed"]
-    assert re.fullmatch(r"the controller asked for at most (1\d|2[0-6])\.\d m/s", said)
+    assert re.fullmatch(r"the controller asked to slow down to (1\d|2[0-6])\.\d m/s", said)
     assert slows.peak_m < 0.3
     with pytest.raises(SettingsError, match="asks to slow down, which compiled runs do not carry"):
         simulate("highway_nominal", "highway_mpc_asking", engine="compiled", overrides=plant)
