@@ -26,7 +26,11 @@ def undrivable(path: Path, speed_m_s: float, friction: float = 1.0, *, is_car: b
     if asked_m_s2 <= given_m_s2:
         return ""
     road = f"its tyres (friction {friction:g}) give" if is_car else "a dry road (friction 1) gives"
-    then = "the car slides" if is_car else "no car follows it, only the linear model does"
+    then = (
+        "at that speed the car slides"
+        if is_car
+        else "no car follows it, only the linear model does"
+    )
     return (
         f"the path asks for a lateral acceleration of {asked_m_s2:.3g} m/s² at"
         f" {speed_m_s:.4g} m/s, and {road} {given_m_s2:.3g} m/s²: {then};"

@@ -211,7 +211,7 @@ def _run(options: argparse.Namespace) -> int:
     for option, given in (("--hand-wheel", wheel), ("--key-file", options.key_file)):
         if given is not None and (ours is None or options.dialect):
             taken = "--controller-command" if ours is None else "--dialect"
-            raise SettingsError(f"{option}: a run with {taken} has none")
+            raise SettingsError(f"{option}: a run with {taken} has none; leave out one of the two")
     if wheel is not None and ours is not None:
         plant_settings, ours, wheel = with_hand_wheel(plant_settings, ours, wheel)
         controller = ours
