@@ -15,10 +15,10 @@
     T_d    torque of the driver, by the sensor    J_n, b_n   inertia and damping that he is to feel
 
 The discrete observers are those of ``sampled_laws``. To each law come damping and friction of the
-motor, and, if asked for, a passivity controller: it counts the
-energy that the feedback has given to the wheel, and damps the wheel as soon as it gave more than it
-took (B. Hannaford and J.-H. Ryu, Time-domain passivity control of haptic interfaces, IEEE
-Transactions on Robotics and Automation 18(1), 2002).
+motor, and, if asked for, a passivity controller: it counts the energy that the feedback has given
+to the wheel, and damps the wheel as soon as it gave more than it took (B. Hannaford and J.-H. Ryu,
+Time-domain passivity control of haptic interfaces, IEEE Transactions on Robotics and Automation
+18(1), 2002).
 """
 
 from collections.abc import Callable, Mapping

@@ -194,10 +194,8 @@ class HandWheelSettings(Settings):
     @property
     def feedback_params(self) -> FeedbackParams:
         """Constants of the law; computing them takes some milliseconds."""
-        from .analysis.sampled_laws import (
-            dob_gains,
-            sampled_model,
-        )  # loads scipy; every run reads settings
+        # Loads scipy, and every run reads settings.
+        from .analysis.sampled_laws import dob_gains, sampled_model
 
         table, model, ratio = self.feedback, self.nominal_model, self.steering_ratio
         gradient = table.torque_gradient_n_m

@@ -114,9 +114,9 @@ def wheel_events(
     mode, share = _modes(wheel, road_ns, cycle_ns)
     return WheelEvents(
         ns, kinds, of, is_state, commands, ticks,
-        np.array([in_use_at(each, cycle_ns) for each in arrivals]),
+        np.array([in_use_at(each, cycle_ns)[0] for each in arrivals]),
         np.searchsorted(cycle_ns, tick_ns, side="left") - 1,
-        in_use_at(statuses, tick_ns),
+        in_use_at(statuses, tick_ns)[0],
         mode,
         share,
         kicks_n_m(wheel.kicks, cycle_ns) + np.zeros(len(cycle_ns)),

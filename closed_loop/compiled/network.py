@@ -274,10 +274,11 @@ class ToPlant(NamedTuple):
     latency_ns: IntArray
 
 
-def in_use_at(arrivals: Arrivals, at_ns: IntArray) -> IntArray:
-    """Return the sample of the newest frame at each time, -1 for none."""
+def in_use_at(arrivals: Arrivals, at_ns: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the sample of the newest frame at each time, -1 for none, and its age [ns]."""
     newest = np.searchsorted(arrivals.arrival_ns, at_ns, side="right")
-    return np.append(-1, arrivals.sample)[newest]
+    age_ns = at_ns - np.append(0, arrivals.arrival_ns)[newest]
+    return np.append(-1, arrivals.sample)[newest], age_ns
 
 
 def arrivals_of(

@@ -88,10 +88,7 @@ class Measurements:
 
     def _in_use(self, message: Uplink) -> tuple[IntArray, IntArray]:
         """Return the sample of the newest message at each tick, -1 for none, and its age [ns]."""
-        arrivals = self.arrivals(message)
-        newest = np.searchsorted(arrivals.arrival_ns, self._tick_ns, side="right")
-        age_ns = self._tick_ns - np.append(0, arrivals.arrival_ns)[newest]
-        return in_use_at(arrivals, self._tick_ns), age_ns
+        return in_use_at(self.arrivals(message), self._tick_ns)
 
     @cached_property
     def vehicle_in_use(self) -> IntArray:

@@ -277,9 +277,10 @@ def computed_text(plant: PlantSettings, wheel: HandWheelSettings) -> str:
     first_ms = 1e3 * ranges[0].start_s
     text = f"computed: unstable from a round trip of {first_ms:.0f} ms on, without friction"
     lines = plant.latency.downlink, plant.latency.uplink
+    if any(line.schedule or line.has_trace for line in lines):
+        return text
     cycles = round(sum(line.mean_s for line in lines) / wheel.cycle_s)
-    threshold = friction_threshold(plant, wheel, cycles * wheel.cycle_s)
-    if threshold is None or any(line.schedule or line.has_trace for line in lines):
+    if (threshold := friction_threshold(plant, wheel, cycles * wheel.cycle_s)) is None:
         return text
     return (
         f"{text}; at {1e3 * cycles * wheel.cycle_s:.0f} ms its friction holds swings up to about"

@@ -80,7 +80,7 @@ def sampled_dob(
 
     The observer sees the torque that it makes itself, so it integrates.
     """
-    kept, _ = _low_pass(cutoff_rad_s, cycle_s)
+    kept = kept_of(cutoff_rad_s, cycle_s)
     direct, integrated = dob_gains(inertia_kg_m2, damping_n_m_s, cycle_s, cutoff_rad_s)
     a = np.array([[kept, 0.0], [-integrated, 1.0]])
     b = np.array([[1.0 - kept, 0.0, 0.0], [integrated, 1.0 - kept, kept - 1.0]])
