@@ -18,7 +18,7 @@ from ..runtime.program.run_node import Edge
 from ..runtime.settings import SettingsError
 from .bus_language import BusLanguage
 from .messages import CAN_IDS, Message, sent_by
-from .secoc.authenticated_node import AuthenticatedNode
+from .secoc.authenticated_node import AuthenticatedNode, other_keys_text
 from .secoc.key_file import open_authentication
 from .secoc.secured_frame import STATUS_SENT_BY, Refused
 
@@ -89,8 +89,11 @@ def _say_refused(name: str, report: Mapping[str, Any]) -> None:
     if secured := report["rejected"].get(Refused.NO_KEY.value):
         why = "their sender has a key, this end has none"
         say(name, f"frames refused: {secured}, as {why} (--key-file)", sys.stderr)
-    if refused := report.get("authentication", {}).get("refused"):
+    authentication = report.get("authentication", {"refused": {}, "other_keys": ()})
+    if refused := authentication["refused"]:
         say(name, f"frames refused by authentication: {causes_line(refused)}", sys.stderr)
+    if text := other_keys_text(authentication["other_keys"]):
+        say(name, text, sys.stderr)
 
 
 def _say_translated(name: str, report: Mapping[str, Any]) -> None:

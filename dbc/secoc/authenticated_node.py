@@ -20,6 +20,12 @@ from .secured_frame import Refused
 _OUR_IDS = frozenset(CAN_IDS.values())
 
 
+def other_keys_text(peers: Sequence[str]) -> str:
+    """Return what to tell of peers that seem to have another key; empty for none."""
+    names = " and ".join(f"the {peer.lower().replace('_', ' ')}" for peer in peers)
+    return names and f"frames of {names} fail authentication: another key (--key-file)?"
+
+
 class AuthenticatedNode(Wrapper[N]):
     """Runs ``node`` as one end of an authenticated connection."""
 
@@ -56,7 +62,11 @@ class AuthenticatedNode(Wrapper[N]):
         refused = {
             f"frames refused by authentication, {why}": n for why, n in self._refused.items()
         }
-        return view._replace(counts={**view.counts, **refused})
+        states = {
+            **view.states,
+            "another key": other_keys_text(self._authentication.peers_with_another_key),
+        }
+        return view._replace(states=states, counts={**view.counts, **refused})
 
     def report(self) -> Mapping[str, Any]:
         """Return the node's report, with the figures of authentication under ``authentication``.
@@ -64,6 +74,7 @@ class AuthenticatedNode(Wrapper[N]):
         ``synchronised``  whether every peer has answered this end's challenge
         ``verified``      frames that were authentic and new
         ``refused``       the others, by cause; the node's ``rejected`` does not contain them
+        ``other_keys``    peers that seem to have another key
         """
         return {
             **self.node.report(),
@@ -71,6 +82,7 @@ class AuthenticatedNode(Wrapper[N]):
                 "synchronised": self._authentication.is_synchronised,
                 "verified": self._verified,
                 "refused": self.refused,
+                "other_keys": self._authentication.peers_with_another_key,
             },
         }
 

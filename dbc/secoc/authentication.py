@@ -54,6 +54,8 @@ from .secured_frame import (
 KEPT = 16
 """How many challenges are remembered: those with the highest counters. The true one has the
 highest, unless a clock was set back."""
+MISFITS = 3
+"""Status messages in a row whose CMAC does not fit: more likely another key than an attack."""
 
 
 class Challenges:
@@ -109,6 +111,7 @@ class _Peer:
     """What an end knows of another: the proven challenge and newest counter, and what is open."""
 
     def __init__(self, name: str) -> None:
+        self.name, self.misfits = name, 0
         self.can_ids = [CAN_IDS[kind] for kind in sent_by(name)]
         self.challenge = _NONE
         self.counter = 0
@@ -145,6 +148,11 @@ class Authentication:
     def is_synchronised(self) -> bool:
         """Whether every peer has answered this end's challenge."""
         return all(peer.challenge != _NONE for peer in self._peers)
+
+    @property
+    def peers_with_another_key(self) -> list[str]:
+        """Peers that seem to have one: the CMAC of their last MISFITS status messages is wrong."""
+        return sorted(peer.name for peer in self._peers if peer.misfits >= MISFITS)
 
     def secure(self, frame: Frame) -> Frame:
         """The secured form of a plain ``frame``; KeyError for what a tool sends."""
@@ -208,7 +216,9 @@ class Authentication:
         secured, mac = data[: SYNC.secured_length], data[SYNC.mac_start :]
         counter = int.from_bytes(data[SYNC.secured_length : SYNC.mac_start], "big")
         if not hmac.compare_digest(mac, self._mac(can_id, secured, b"", counter)):
+            peer.misfits += 1
             return Refused.FORGED
+        peer.misfits = 0
         if counter <= self._newest[can_id]:
             return Refused.REPLAYED
         challenge = secured[PAYLOAD_LENGTH:_ECHO_START]
