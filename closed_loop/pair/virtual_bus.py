@@ -10,6 +10,8 @@ from ...runtime.node import ReportingNode, Wrapper
 from .rest_bus_from_dbc import traffic_of
 
 QUIET_BUS = BusSettings()
+SENDERS = {0: "the plant", 1: "the controller", 2: "the hand wheel"}
+"""In the order of the nodes of a virtual pair."""
 
 
 class Controlled(Wrapper[ReportingNode]):
@@ -45,4 +47,6 @@ def virtual_bus(settings: BusSettings | None, seed: int) -> BusModel | None:
     """
     if settings is None:
         return None
-    return BusModel(settings.bitrate_bit_s) if settings.is_quiet else shared_bus(settings, seed)
+    if not settings.is_quiet:
+        return shared_bus(settings, seed)
+    return BusModel(settings.bitrate_bit_s, senders=SENDERS)

@@ -21,8 +21,9 @@ It serves the emulated bus in real time, and virtual time.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from heapq import heapify, heappop, heappush
+from types import MappingProxyType
 from typing import NamedTuple
 
 from ..frame import Frame
@@ -74,6 +75,7 @@ class BusModel:
     ``errors``              noise and error counters; without them every frame is sent whole
     ``traffic``             what else is sent, by nodes of negative numbers
     ``is_lossy``            whether a frame without room is lost and counted, as on a real bus
+    ``senders``             names of senders, for errors
 
     ``next_event_ns``    when the next frame will be complete [ns]; NEVER_NS with no submitted frame
                          on the bus: no one waits for the traffic. Until the bus is free this may
@@ -92,6 +94,7 @@ class BusModel:
         errors: BusErrors | None = None,
         traffic: Traffic = NO_TRAFFIC,
         is_lossy: bool = False,
+        senders: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
         if queue_limit <= 0:
             raise ValueError(f"the limit of a transmit buffer must be positive, not {queue_limit}")
@@ -100,7 +103,7 @@ class BusModel:
         self._per_ns, self._bit_ticks, _ = ticks
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
         self._queue_limit = queue_limit
-        self.errors, self.is_lossy = errors, is_lossy
+        self.errors, self.is_lossy, self._senders = errors, is_lossy, senders
         self._traffic = RestBus(traffic, ticks) if traffic.messages else None
         self._queue: list[tuple[int, int, int, int, Frame]] = []
         """Arbitration field, number, duration, sender and frame of those not complete yet; a heap.
@@ -147,9 +150,9 @@ class BusModel:
                 self._submitted = number = self._submitted + 1
                 heappush(queue, (arbitration, number, duration_ticks, sender, frame))
             elif not self.is_lossy:
+                who = self._senders.get(sender, f"sender {sender}")
                 raise BusOverflowError(
-                    f"sender {sender} has {limit} frames of identifier 0x{can_id:03X} "
-                    "waiting for the bus"
+                    f"{who} has {limit} frames of identifier 0x{can_id:03X} waiting for the bus"
                 )
         self._look_ahead()
 

@@ -104,7 +104,7 @@ REFUSED = {
 }
 OTHERS = [
     ("design car.toml --spec spec.toml --out file/x", "file", 4),
-    ("run --bitrate 10000", "10000 bit/s are too few", 3),
+    ("run --bitrate 10000", "10000 bit/s are too few: the plant has 1000", 3),
     ("run --controller-command './none 1'", "./none: No such file or directory", 3),
 ]
 
