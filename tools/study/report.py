@@ -52,7 +52,8 @@ def reaction_sections(study: Study, rows: Rows) -> list[Section]:
             tables.append(_table(factor.name, chosen, rows))
     text = (
         "Times from the first frame that a fault changed: until CONTROLLER_SAFETY or PLANT_STATUS "
-        "reported it, and until a command or the steering said that its node had left control."
+        "reported it, and until a command or the steering said that its node had left control. "
+        "Runs in which no frame was changed are left out."
     )
     return [Section("Reactions to faults", (text,), tables=tables)]
 
