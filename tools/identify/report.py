@@ -117,5 +117,5 @@ def _plan_picture(asks_for_slow: bool) -> Picture:
         axes = canvas.subplots()
         axes.plot(time_s, side)
         title = "60 km/h, from 40 s on 80 km/h" + ", from 70 s on 25 km/h" * asks_for_slow
-        axes.set(xlabel="time [s]", ylabel="side [m/s²]", title=title)
+        axes.set(xlabel="time [s]", ylabel="lateral acceleration [m/s²]", title=title)
     return Picture(png_of(canvas), "lateral acceleration to drive, over time")
