@@ -16,7 +16,7 @@ from ..runtime.node.end import End
 from ..runtime.program.report import causes_line
 from ..runtime.program.run_node import Edge
 from ..runtime.settings import SettingsError
-from .bus_language import BusLanguage
+from .bus_language import BusLanguage, read_language
 from .messages import CAN_IDS, Message, sent_by
 from .secoc.authenticated_node import AuthenticatedNode, other_keys_text
 from .secoc.key_file import open_authentication
@@ -38,6 +38,16 @@ def add_key_file_argument(parser: argparse.ArgumentParser) -> None:
         "--key-file", type=Path, metavar="FILE",
         help="authenticate every frame, as CAN FD, with this key",
     )  # fmt: skip
+
+
+def read_edge_options(options: argparse.Namespace) -> BusLanguage:
+    """Return the language of ``--dialect``; raises SettingsError, also with ``--key-file``.
+
+    Each program that takes both calls it first.
+    """
+    if options.dialect is not None and options.key_file is not None:
+        raise SettingsError("--dialect takes no --key-file: a car's frames are not authenticated")
+    return read_language(options.dialect)
 
 
 def open_edge(
@@ -70,8 +80,6 @@ def open_edge(
 
 
 def _of_car(end: End | None, options: argparse.Namespace, car: "Dialect") -> Edge:
-    if options.key_file is not None:
-        raise SettingsError("--dialect takes no --key-file: a car's frames are not authenticated")
     received = car.sent_by(end.peer if end else End.PLANT)
     sent = car.sent_by(end) if end else []
     if any(one.flags & FD for one in car.messages):

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.bus_language import BusLanguage, add_dialect_argument, read_language
-from ..dbc.edge import add_key_file_argument, open_edge
+from ..dbc.bus_language import BusLanguage, add_dialect_argument
+from ..dbc.edge import add_key_file_argument, open_edge, read_edge_options
 from ..dbc.messages import (
     CAN_IDS,
     MESSAGE_TYPES,
@@ -93,7 +93,7 @@ def refuse_dialect(language: BusLanguage) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    language, vehicle = read_language(options.dialect), shared_vehicle(options.vehicle)
+    language, vehicle = read_edge_options(options), shared_vehicle(options.vehicle)
     refuse_dialect(language)
     settings = load_program_settings(HandWheelSettings, PRESETS, options, (), vehicle)
     samples_max = 0 if options.trace is None else SAMPLES_MAX

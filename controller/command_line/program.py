@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ...dbc.bus_language import add_dialect_argument, read_language
-from ...dbc.edge import add_key_file_argument, open_edge
+from ...dbc.bus_language import add_dialect_argument
+from ...dbc.edge import add_key_file_argument, open_edge, read_edge_options
 from ...dbc.messages import HandWheelState
 from ...runtime.command_line import add_json_argument, command_parser, offer, run_main, say
 from ...runtime.node import ReportingNode
@@ -108,12 +108,11 @@ def _run(options: argparse.Namespace) -> int:
         if options.fail_if:
             raise SettingsError(f"--fail-if of --check: use {CHECK_NAME} --fail-if")
         return _check(NAME, options)
-    asked = _settings(NAME, options)
+    language, asked = read_edge_options(options), _settings(NAME, options)
     settings = on_bus(asked, takes_fd=bool(getattr(options, "fd", False) or options.key_file))
     if settings.law != asked.law:
         why = f"law {asked.law} needs CAN FD on controller and plant (--fd)"
         say(NAME, f"single commands, law {settings.law}: {why}", sys.stderr)
-    language = read_language(options.dialect)
     language.refuse_law(settings.law_that_reads_the_vehicle)
 
     def make_node(start_ns: int) -> ReportingNode:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...dbc.bus_language import add_dialect_argument, read_language
-from ...dbc.edge import add_key_file_argument, open_edge
+from ...dbc.bus_language import add_dialect_argument
+from ...dbc.edge import add_key_file_argument, open_edge, read_edge_options
 from ...runtime.command_line import output_file, run_main, say
 from ...runtime.exit_status import ExitStatus
 from ...runtime.node import ReportingNode
@@ -162,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     overrides = [] if options.seed is None else [f"seed={options.seed}"]
     overrides += ["interventions=allow"] if options.interventions else []
-    language = read_language(options.dialect)
+    language = read_edge_options(options)
     settings = load_program_settings(
         PlantSettings,
         PRESETS,

@@ -32,8 +32,8 @@ from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
-from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument, read_language
-from steer_by_wire.dbc.edge import add_key_file_argument
+from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument
+from steer_by_wire.dbc.edge import add_key_file_argument, read_edge_options
 from steer_by_wire.dbc.secoc.key_file import read_key
 from steer_by_wire.hand_wheel.program import write_hand_wheel_trace
 from steer_by_wire.hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
@@ -200,7 +200,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    language = read_language(options.dialect)
+    language = read_edge_options(options)
     plant_settings, controller = _plant_settings(options, language), _controller(options)
     ours = controller if isinstance(controller, ControllerSettings) else None
     if ours is not None:

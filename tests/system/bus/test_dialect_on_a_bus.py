@@ -2,11 +2,7 @@
 
 from pathlib import Path
 
-import pytest
-
 from steer_by_wire.closed_loop.processes.process_group import launched_broker
-from steer_by_wire.plant_emulator.__main__ import main as plant_main
-from steer_by_wire.runtime.exit_status import ExitStatus
 from tests.support.programs.running_program import running
 
 CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"
@@ -38,8 +34,3 @@ def test_two_programs_speak_the_car_s_messages(tmp_path: Path) -> None:
         }
     assert reports[0]["faults"][0]["changed"] > 0
     assert any("dialect: " in line for line in plant.printed)
-
-
-def test_a_key_beside_a_dialect_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert plant_main([*DIALECT, "--key-file", "no.key"]) == ExitStatus.SETTINGS
-    assert "--dialect takes no --key-file" in capsys.readouterr().err

@@ -30,6 +30,7 @@ REFUSED = {
     "can response-times our.dbc --period LATENCY_CONFIG=0": "0.1 to 3600000",
     "check --preset x": "preset x: ",
     "check law.toml ''": "unrecognized arguments: ",
+    "controller --dialect none --key-file k --set x=1": "--dialect takes no --key-file",
     "cockpit --no-browser --rest-bus none.dbc": "rest_bus: none.dbc: No such file",
     "cockpit --no-browser --scenario none": "none",
     "cockpit --port 99999": "argument --port: allowed is 0 to 65535, not '99999'",
@@ -59,10 +60,12 @@ REFUSED = {
     "generate-c --preset practical_pd --set supervision.stops_if_implausible=true": (
         "supervision.stops_if_implausible does not become C: leave it out"
     ),
+    "hand-wheel --dialect none --key-file k": "--dialect takes no --key-file",
     "paper --figure 13": "--figure 13: nothing to compute; allowed are 7, 8,",
     "paper --figure 16 --figure x": "--figure x: nothing to compute",
     "paper --table 3": "nothing to compute; allowed are 2",
     "paper --figure 8 --out file": "file is a file: give the name of a folder",
+    "plant --dialect none --key-file k": "--dialect takes no --key-file",
     "plant --set x=1": "command line: x ",
     "run --bit-error-rate 0.1": "bit_error_rate = 0.1 should be",
     "run --bitrate=0": "10000 to 1000000",
@@ -78,6 +81,7 @@ REFUSED = {
     ),
     "run --controller-command './mine \"'": "'./mine \"': No closing quotation",
     "run --controller-command true --key-file k": "--key-file: a run with --controller-command",
+    "run --dialect none --key-file k": "--dialect takes no --key-file",
     "run --durations 3": "unrecognized arguments: --durations (did you mean --dur",
     "run --hand-wheel still --set hand_wheel.cycle_ms=50": "up to 20",
     "run --hand-wheel still --controller-command true": "has none",
