@@ -20,12 +20,12 @@ from ...runtime.node.end import End
 from ...runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from ...runtime.program.node_options import load_program_settings, make_parser
 from ...runtime.program.run_node import run_node
-from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
 from ..evaluation.report_in_words import plant_summary, verdict_text
 from ..evaluation.run_record import SAMPLES_MAX, write_trace
 from ..faults.messages_on_bus import messages_in, naming
 from ..faults.stage import with_faults
+from ..node.interventions import refuse_with_key
 from ..node.node import OF_HAND_WHEEL, RECEIVED, SENT, PlantNode
 from ..path.path import curvature
 from ..settings import PRESETS, PlantSettings, plant_motion_params, shared_vehicle
@@ -171,10 +171,7 @@ def _run(options: argparse.Namespace) -> int:
         shared_vehicle(options.vehicle),
         naming(language),
     )
-    if settings.interventions == "allow" and options.key_file is not None:
-        raise SettingsError(
-            "--interventions: a plant with --key-file refuses what is not authentic"
-        )
+    refuse_with_key(settings, options.key_file is not None)
     if options.check:
         print(check_text(settings), end="")
         return ExitStatus.OK

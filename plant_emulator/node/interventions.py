@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from ...dbc.messages import MESSAGE_TYPES, DisturbanceChange, LatencyChange
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
+from ...runtime.settings import SettingsError
 from ..settings import PlantSettings
 from ..vehicle.car.car_design import under_load
 from ..vehicle.car.car_motion import CarMotionParams
@@ -26,6 +27,15 @@ KEPT_MAX = 1000
 """How many are kept, the first; all are counted."""
 _SENDER = "TOOL"
 """What the identifier claims: the sender that the DBC names for it."""
+
+
+def refuse_with_key(settings: PlantSettings, has_key: bool) -> None:
+    """Raise SettingsError for a plant that is to accept what no key can prove."""
+    if has_key and settings.interventions == "allow":
+        raise SettingsError(
+            "--key-file: a plant with a key accepts no interventions; leave out"
+            " interventions = 'allow' (--interventions) or the key"
+        )
 
 
 class Intervention(NamedTuple):

@@ -40,6 +40,7 @@ from steer_by_wire.hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
+from steer_by_wire.plant_emulator.node.interventions import refuse_with_key
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
@@ -212,6 +213,7 @@ def _run(options: argparse.Namespace) -> int:
         if given is not None and (ours is None or options.dialect):
             taken = "--controller-command" if ours is None else "--dialect"
             raise SettingsError(f"{option}: a run with {taken} has none; leave out one of the two")
+    refuse_with_key(plant_settings, options.key_file is not None)
     if wheel is not None and ours is not None:
         plant_settings, ours, wheel = with_hand_wheel(plant_settings, ours, wheel)
         controller = ours

@@ -66,6 +66,7 @@ REFUSED = {
     "paper --table 3": "nothing to compute; allowed are 2",
     "paper --figure 8 --out file": "file is a file: give the name of a folder",
     "plant --dialect none --key-file k": "--dialect takes no --key-file",
+    "plant --key-file k --interventions": "--key-file: a plant with a key accepts no int",
     "plant --set x=1": "command line: x ",
     "run --bit-error-rate 0.1": "bit_error_rate = 0.1 should be",
     "run --bitrate=0": "10000 to 1000000",
@@ -86,6 +87,7 @@ REFUSED = {
     "run --hand-wheel still --set hand_wheel.cycle_ms=50": "up to 20",
     "run --hand-wheel still --controller-command true": "has none",
     "run --ideal-wire --load 0.5": "need a bus with a bit rate",
+    "run --key-file k --set plant.interventions=allow": "--key-file: a plant with a key",
     "run --law nosuch": "command line: law = ",
     "run --load=much": "is not a number",
     "run --preset paper_pd --preset practical_pd": (
