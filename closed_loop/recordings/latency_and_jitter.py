@@ -12,17 +12,20 @@ The round trip is measured. The times alone do not show how it divides, because 
 that the log does not contain: a_k - k T gives the uplink up to a constant, hence its jitter. The
 constant comes from the plant: ten times a second PLANT_STATUS reports the latency of the newest
 measurement, not always a status; the median of the uplink is set to the median of the reported
-values. How uncertain that is goes into the intervals of both directions. Without PLANT_STATUS the
-fastest uplink is taken as zero; ``uplink`` is then the excess over the fastest frame.
+values, on each side of a jump by half a second by itself, as the plant may have restarted. How
+uncertain that is goes into the intervals of both directions. Without PLANT_STATUS the fastest
+uplink is taken as zero; ``uplink`` is then the excess over the fastest frame.
 
 The downlink includes the wait for the next sample, 0 to T. Neither direction includes commands that
 never act because the network lost them or a newer one overtook them. A frame that the plant's
-uplink lost is not on the bus, so it shows only as a missing counter.
+uplink lost is not on the bus, so it shows only as a missing counter. One that comes 128 samples
+late or more has the counter of a newer one, and is taken for it.
 
 The times at which the plant sensed are those of ``sensing_times``, from BLOCK samples at once.
 """
 
 import math
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,7 +107,7 @@ class Latencies:
         self.sensor_period_error_s = math.inf
         self._round_trips = RoundTrips()
         self._block: list[_Status] = []
-        self._reported_ns: list[float] = []
+        self._reported: list[tuple[int, float]] = []  # time, latency
         self._newest: tuple[int, int] | None = None  # number, arrival
         self._frame_ns: int | None = None  # the plant's newest frame
         self._silence_ns = 0  # longest silence of the plant since the last status
@@ -135,8 +138,8 @@ class Latencies:
 
     def on_plant_status(self, status: messages.PlantStatus, time_ns: int) -> None:
         """Take the latencies that the plant reports."""
-        self._reported_ns.append(status.uplink_latency_s * NS_PER_S)
-        self._record("reported_uplink", time_ns, self._reported_ns[-1])
+        self._reported.append((time_ns, status.uplink_latency_s * NS_PER_S))
+        self._record("reported_uplink", *self._reported[-1])
         if self.commands:  # before the first command the plant reports 0
             self._record("reported_downlink", time_ns, status.downlink_latency_s * NS_PER_S)
 
@@ -166,7 +169,7 @@ class Latencies:
     def close_block(self) -> None:
         """Divide the round trips of a block into their directions; call it at the end too."""
         block, self._block = self._block, []
-        reported_ns, self._reported_ns = self._reported_ns, []
+        reported, self._reported = self._reported, []
         if len(block) < 2:
             return
         numbers, arrivals_ns, silences_ns = np.array([status[:3] for status in block]).T
@@ -175,17 +178,21 @@ class Latencies:
         if found.error_ns / NS_PER_S < self.sensor_period_error_s:
             self.sensor_period_s = found.period_ns / NS_PER_S
             self.sensor_period_error_s = found.error_ns / NS_PER_S
-        uplink_ns = found.latency_ns
-        if len(reported_ns) >= REPORTS_MIN:
-            constant_ns = float(np.median(reported_ns) - np.median(uplink_ns))
-            uplink_ns = np.maximum(uplink_ns + constant_ns, 0.0)
+        uplink_ns, errors_s = found.latency_ns, [0.0]
+        if len(reported) < REPORTS_MIN:
+            self.is_absolute, found = False, found._replace(edges=[])
+        for start, end in pairwise(found.edges):
+            part_ns, (first_ns, last_ns) = uplink_ns[start:end], arrivals_ns[[start, end - 1]]
+            own_ns = [one_ns for at_ns, one_ns in reported if first_ns <= at_ns <= last_ns]
+            if len(own_ns) < REPORTS_MIN:
+                own_ns = [one_ns for _, one_ns in reported]
+            part_ns += float(np.median(own_ns) - np.median(part_ns))
             # 1.96 standard errors of the difference of two medians.
-            shares = 1.0 / self.measured["reported_uplink"].independent() + 1.0 / len(uplink_ns)
-            error_s = 1.96 * 1.2533 * float(np.std(uplink_ns)) * math.sqrt(shares) / NS_PER_S
-            for name in ("uplink", "downlink"):
-                self.measured[name].level_error_s = error_s
-        else:
-            self.is_absolute = False
+            shares = 1.0 / self.measured["reported_uplink"].independent() + 1.0 / len(part_ns)
+            errors_s.append(1.96 * 1.2533 * float(np.std(part_ns)) * math.sqrt(shares) / NS_PER_S)
+        uplink_ns = np.maximum(uplink_ns, 0.0)
+        for name in ("uplink", "downlink"):
+            self.measured[name].level_error_s = max(errors_s)
         for status, latency_ns in zip(block, uplink_ns.tolist(), strict=True):
             self._record("uplink", status.arrival_ns, latency_ns)
             if status.round_trip_ns is not None:

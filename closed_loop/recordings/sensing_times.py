@@ -30,7 +30,9 @@ _BEHIND_MIN = 3
 SIGNIFICANT = 7.0
 """A shift of more than this many standard errors is significant."""
 _JUMP_NS = NS_PER_S // 2
-"""A larger shift of the sensing times is no latency: the plant was restarted."""
+"""A larger shift of the sensing times may be a plant that was restarted."""
+_LASTING = 20
+"""Samples behind a jump that make it one: fewer are frames that came late."""
 _APART_MAX = 256
 """Samples between the two of a first slope, an eighth of all at most."""
 _ROUND_NS = (1e6, 1e5, 1e4, 1e3)
@@ -45,12 +47,14 @@ class Uplink(NamedTuple):
     ``skipped``     samples that the plant seems to have skipped
     ``period_ns``   of the samples
     ``error_ns``    standard error of the period
+    ``edges``       first samples of the parts, and the end; each part has its own fastest sample
     """
 
     latency_ns: FloatArray
     skipped: int
     period_ns: float
     error_ns: float
+    edges: list[int]
 
 
 def relative_uplink(
@@ -84,9 +88,11 @@ def relative_uplink(
         if fitted_ns == period_ns or fitted_ns <= 0.0:  # by a clock that stands still
             break
         period_ns = fitted_ns
-    for start, end in pairwise(edges):
+    lasting = [start for start, end in pairwise(edges) if not start or end - start >= _LASTING]
+    parts = [*lasting, edges[-1]]
+    for start, end in pairwise(parts):
         shift_ns[start:end] -= shift_ns[start:end].min()
-    return Uplink(shift_ns, skipped, period_ns, error_ns)
+    return Uplink(shift_ns, skipped, period_ns, error_ns, parts)
 
 
 def _first_period_ns(since: NumberArray, arrived_ns: FloatArray) -> float:

@@ -77,9 +77,8 @@ def test_signals_have_the_rms_and_peak_of_the_run(constant: Run) -> None:
     assert of_cg["rms"] == pytest.approx(node["rms_m"], rel=0.03)
     assert abs(of_cg["peak"]) == pytest.approx(node["peak_m"], abs=2e-3)
     at_s = error["peak_at_s"] - UPLINK_S - start_s
-    assert np.interp(at_s, trace.time_s, trace.lateral_error_m) == pytest.approx(
-        error["peak"], abs=1e-5
-    )
+    peak_m = np.interp(at_s, trace.time_s, trace.lateral_error_m)
+    assert peak_m == pytest.approx(error["peak"], abs=1e-5)
     wheel = figures["signals"]["wheel_angle_rad"]
     wheel_rad = np.max(np.abs(trace.wheel_angle_rad[:moving]))
     assert abs(wheel["peak"]) == pytest.approx(wheel_rad, abs=1e-5)
@@ -125,8 +124,21 @@ def test_a_log_names_the_grip_as_its_run_does(
             assert read[axle]["share"] == pytest.approx(named[axle]["share"], abs=0.02)
 
 
-def test_cycle_times_are_those_of_the_dbc(constant: Run) -> None:
-    messages = analyse(constant.log)["messages"]
+def test_late_frames_and_a_long_jump_of_latency_are_latency(tmp_path: Path) -> None:
+    latencies_s = [0.02] * 200 + [0.9, 0.02] * 5 + [0.02] * 100 + [0.8] * 600
+    uplink = [f"latency.uplink.latencies_s={latencies_s}", "latency.uplink.order='as_arrives'"]
+    log, plant = tmp_path / "run.log", plant_preset("paper_nominal", ["duration_s=9", *uplink])
+    run_virtual_pair(plant, controller_preset("practical_pd"), candump_log=log)
+    found = analyse(log)["latency"]["uplink"]
+    assert (found["min_s"], found["max_s"]) == pytest.approx((0.02, 0.9), abs=1e-3)
+
+
+def test_cycles_modes_and_law_are_reported(constant: Run) -> None:
+    figures = analyse(constant.log)
+    assert figures["laws"] == ["PD"]
+    assert sum(figures["modes_s"].values()) == pytest.approx(figures["duration_s"], abs=0.15)
+    assert figures["modes_s"]["ACTIVE"] > 0.9 * DURATION_S
+    messages = figures["messages"]
     assert messages["LATENCY_CONFIG"]["cycle_dbc_s"] is None
     here = {name: message for name, message in messages.items() if message["accepted"]}
     assert here.keys() >= {"STEERING_COMMAND", "LATERAL_ERROR", "STEERING_STATUS", "PLANT_STATUS"}
@@ -138,13 +150,6 @@ def test_cycle_times_are_those_of_the_dbc(constant: Run) -> None:
             # A quantile is within 0.4 % by its bin, and other frames take their time on the bus.
             assert cycle["p50_s"] == pytest.approx(message["cycle_dbc_s"], rel=4e-3, abs=5e-4)
             assert cycle["max_s"] < message["cycle_dbc_s"] + ON_THE_WIRE_S
-
-
-def test_modes_and_law_are_reported(constant: Run) -> None:
-    figures = analyse(constant.log)
-    assert figures["laws"] == ["PD"]
-    assert sum(figures["modes_s"].values()) == pytest.approx(figures["duration_s"], abs=0.15)
-    assert figures["modes_s"]["ACTIVE"] > 0.9 * DURATION_S
 
 
 @given(

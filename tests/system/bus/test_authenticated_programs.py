@@ -113,9 +113,8 @@ def test_a_pair_with_a_key_withstands_an_intruder_and_a_restart_and_shows_no_key
     assert refused["replayed"] == sum(frame.can_id == 0x300 for frame in heard)
     assert figures["verified"] >= 3 * COMMANDS_MIN
     assert any(AUTHENTICATED in line for line in plant.printed)
-    assert any(
-        f"refused by authentication: forged {refused['forged']}" in line for line in plant.printed
-    )
+    forged = f"refused by authentication: forged {refused['forged']}"
+    assert any(forged in line for line in plant.printed)
     assert set(second.report()["node"]["authentication"]["refused"]) <= {
         *("unsynchronised", "forged", "replayed", "unauthenticated")
     }
