@@ -18,7 +18,7 @@ and jitter of 30 %; runs add friction, a patch of ice, jitter from frame to fram
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from math import inf
@@ -55,7 +55,6 @@ from steer_by_wire.tools.feedback.frontier_runs import frontier
 
 R = TypeVar("R")
 NAME = "steer-by-wire feedback"
-_WASHOUT_RAD_S, _NOISE_N_M = 2.0, 0.05
 _LAGGING = "  tyres lag"
 """A line that shows the line above it with tyres that lag."""
 
@@ -98,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--jitter-at", type=_numbers(0.0, 2000.0, "ms"), default=[], metavar="MS,...",
         help="show how much longer than these a round trip may be, from frame to frame",
     )  # fmt: skip
-    wheel, rack = HandWheel(), Rack()
+    wheel, rack, omitted = HandWheel(), Rack(), dict[str, float | None]()
     for option, default, low, high, unit, what in (
         ("--cycle-ms", 1.0, 1e-3, 100.0, "ms", "cycle of the feedback"),
         ("--damping", wheel.damping_n_m_s, 1e-3, 100.0, "N m s/rad", "damping of the hand wheel"),
@@ -108,14 +107,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("--lag-ms", None, 1e-3, 1e3, "ms", "lag of first order in place of that servo"),
         ("--ratio", rack.steering_ratio, 1e-3, 100.0, "", "hand wheel angle per road wheel angle"),
         ("--cdob", None, 0.1, 1e3, "rad/s", "bandwidth of a communication disturbance observer"),
-        ("--washout", _WASHOUT_RAD_S, 0.0, 100.0, "rad/s", "slower torque is the road's alone"),
-        ("--torque-noise", _NOISE_N_M, 1e-3, 10.0, "N m", "noise that --frontier lets a law make"),
+        ("--washout", 2.0, 0.0, 100.0, "rad/s", "slower torque is the road's alone"),
+        ("--torque-noise", 0.05, 1e-3, 10.0, "N m", "noise that --frontier lets a law make"),
     ):
-        parser.add_argument(
-            option, type=number(low, high, unit), default=default, metavar="VALUE",
+        added = parser.add_argument(
+            option, type=number(low, high, unit), metavar="VALUE",
             help=f"{what} [{unit}]".removesuffix(" []")
-            + ("" if default is None else " (default: %(default)g)"),
+            + ("" if default is None else f" (default: {default:g})"),
         )  # fmt: skip
+        omitted[added.dest] = default
     parser.add_argument(
         "--plot", type=_png_file, metavar="FILE.png",
         help="draw the first unstable round trip over the torque gradient",
@@ -125,11 +125,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="compare the feedback laws instead; writes frontier.png and frontier.json there",
     )  # fmt: skip
     add_json_argument(parser)
-    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+    return run_main(NAME, partial(_run, parser.parse_args(arguments), omitted))
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace, omitted: Mapping[str, float | None]) -> int:
     _refuse_idle(options)
+    for name, value in omitted.items():
+        if getattr(options, name) is None:
+            setattr(options, name, value)
     plant = load_settings(PlantSettings, read_preset(PRESETS, options.preset))
     gradient_n_m, km_h = _middle(options.torque_gradients), _middle(options.speeds_km_h)
     lag_s = None if options.lag_ms is None else options.lag_ms / 1e3
@@ -169,11 +172,11 @@ def _run(options: argparse.Namespace) -> int:
 
 def _refuse_idle(options: argparse.Namespace) -> None:
     """Raise SettingsError for an option that would do nothing next to the others."""
-    if options.cdob is None and options.washout != _WASHOUT_RAD_S:
+    if options.cdob is None and options.washout is not None:
         raise SettingsError("--washout does nothing without --cdob")
-    if options.lag_ms is not None and options.rack_hz != Rack().bandwidth_hz:
+    if options.lag_ms is not None and options.rack_hz is not None:
         raise SettingsError("--rack-hz does nothing with --lag-ms")
-    if options.frontier is None and options.torque_noise != _NOISE_N_M:
+    if options.frontier is None and options.torque_noise is not None:
         raise SettingsError("--torque-noise does nothing without --frontier")
     for idle in ("cdob", "jitter_at", "plot", "json"):
         if getattr(options, idle) and options.frontier is not None:

@@ -84,7 +84,7 @@ def _passivity_points(bench: Bench) -> list[Point]:
         best = int(changed[:, trip].argmin())
         error = float(changed[best, trip])
         known = NONE_HOLDS if error == inf else (error, 0.5 * at_s, nan, designs[best])
-        found.append(Point("passivity", at_s, *known))
+        found.append(Point("passivity controller", at_s, *known))
     return found
 
 

@@ -393,9 +393,11 @@ def test_the_moment_at_which_a_wheel_shakes_is_said(browser: Browser, live: str)
     browser.read(FELT_PAD)
     browser.read(TOLD_OF_THE_WHEEL)
     said = "document.getElementById('felt').textContent"
-    browser.wait_for(f"/still, .* plain$/.test({said})")
+    browser.wait_for(f"/still, .* force as it arrives$/.test({said})")
     browser.read("window.told = 'shakes at 0.5 Hz, ±2.3 rad'")
-    moment = browser.wait_for(f"{said}.match(/begun to shake .* plain: since (\\d+) s/)")
+    moment = browser.wait_for(
+        f"{said}.match(/begun to shake .* force as it arrives: since (\\d+) s/)"
+    )
     assert 0 <= int(moment[1]) <= browser.read("cockpit.nowS")
     browser.wait_for("window.felt > 0")
     browser.read(press("with the CDOB"))

@@ -86,8 +86,9 @@ def test_the_command_writes_what_the_page_says(
     points = json.loads((tmp_path / "new" / "frontier.json").read_text())["points"]
     changed = {(point["law"], point["round_trip_s"]): point["changed"] for point in points}
     late = {(point["law"], point["round_trip_s"]): point["late_s"] for point in points}
-    assert changed["pass-through", 0.02] < 0.5
-    assert changed["CDOB", 0.1] < changed["passivity", 0.1] < changed["pass-through", 0.1]
-    assert late["pass-through", 0.1] == late["passivity", 0.1] == pytest.approx(0.05)
+    arrives, controller = "force as it arrives", "passivity controller"
+    assert changed[arrives, 0.02] < 0.5
+    assert changed["CDOB", 0.1] < changed[controller, 0.1] < changed[arrives, 0.1]
+    assert late[arrives, 0.1] == late[controller, 0.1] == pytest.approx(0.05)
     assert 0.2 < late["CDOB", 0.1] < 0.6
     assert changed["spring", 0.02] > 1.0

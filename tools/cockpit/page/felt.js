@@ -3,7 +3,7 @@
 import { byId, element, pressed, setText, slider } from "cockpit/words.js";
 
 const CYCLES_MS = [1, 5, 10, 20];
-const WHEELS = { hand_wheel: "plain", hand_wheel_damped: "with damping", hand_wheel_cdob: "with the CDOB" };
+const WHEELS = { hand_wheel: "force as it arrives", hand_wheel_damped: "with damping", hand_wheel_cdob: "with the CDOB" };
 const DELAY_MS_MAX = 200, ROAD_MIN = 30;
 const JUDGED_S = 6; // of motion: who turned the wheel in it shook it himself
 const SURE_S = 4; // of shaking: a bump that dies away looks like it for half of that window
