@@ -143,6 +143,8 @@ def law_section(found: LawByDelay, pictures: Sequence[Picture]) -> Section:
     )
     tables = [breaks]
     for condition, text in enumerate(found.conditions):
+        if not found.holds[condition].any():
+            continue
         rms = [
             (Cell(name), *(number(_rms(found, (condition, law, place))) for place in shown))
             for law, name in enumerate(found.controllers)

@@ -81,7 +81,7 @@ def _times(times_s: FloatArray) -> tuple[Cell, Cell]:
     return number(str(len(known_ms))), number(f"{np.median(known_ms):.0f}, {known_ms.max():.0f}")
 
 
-_OVER_A_BUS = "not known over a bus, on which frames wait for others"
+_OVER_A_BUS = "not known over a bus where latency varies, frames are lost or faults act"
 
 
 def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[str]]:
@@ -89,7 +89,7 @@ def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[st
     if not study.hand_wheels:
         return [], []
     delay_ms, shakes = 1e3 * rows["felt_delay_s"], np.isfinite(rows["hand_wheel_shakes_hz"])
-    unknown = "" if study.bus is None else f"; {_OVER_A_BUS}"
+    unknown = "" if study.bus is None or np.isfinite(delay_ms).any() else f"; {_OVER_A_BUS}"
     found, lines = [], []
     for factor in study.factors:
         for label in [] if factor.sets("plant.latency") else factor.labels:
@@ -122,7 +122,9 @@ def write(folder: Path) -> tuple[Path, list[str]]:
     Raises SettingsError where there are no results, OSError where nothing can be written.
     """
     study, rows = read_results(folder)
-    found = law_by_delay(study, rows)
+    any_holds = held(rows).any()
+    has_laws = any_holds or study.settings.report.largest_deviation
+    found = law_by_delay(study, rows) if has_laws else None
     of_wheel, lines = hand_wheel_section(study, rows)
     used_up = _grip(study, rows)
     sections = [
@@ -130,7 +132,7 @@ def write(folder: Path) -> tuple[Path, list[str]]:
         study_section(study, rows, used_up),
         *reaction_sections(study, rows),
         *([] if found is None else [_laws(study, found, folder)]),
-        comparison_section(study, rows),
+        *([comparison_section(study, rows)] if any_holds else []),
     ]
     file = folder / PAGE
     verdict = f"{np.count_nonzero(held(rows)):,} of {len(rows['id']):,} runs hold the path"

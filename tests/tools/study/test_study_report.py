@@ -13,7 +13,7 @@ from steer_by_wire.closed_loop.studies.result_reader import Rows, held, read_res
 from steer_by_wire.closed_loop.studies.study import Study
 from steer_by_wire.plant_emulator.evaluation.run_verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.study import __main__
+from steer_by_wire.tools.study import __main__, report
 from steer_by_wire.tools.study.against_pd import comparison_section
 from steer_by_wire.tools.study.law_by_delay import law_by_delay
 from steer_by_wire.tools.study.report import PAGE, hand_wheel_section, reaction_sections, write
@@ -102,6 +102,17 @@ def test_a_folder_without_results_is_refused_in_one_line(
     (tmp_path / "study.json").write_text("{}", encoding="utf-8")
     with pytest.raises(SettingsError, match="holds no results yet"):
         write(tmp_path)
+
+
+def test_where_no_run_holds_the_page_compares_no_laws(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    never = np.zeros(RUNS, np.bool_)
+    monkeypatch.setattr(report, "held", lambda _rows: never)
+    text = write(results)[0].read_text(encoding="utf-8")
+    assert f"0 of {RUNS} runs hold" in text
+    assert "Law by delay" not in text
+    assert "Against" not in text
 
 
 def test_latencies_whose_levels_have_names_are_on_no_axis(tmp_path: Path) -> None:
@@ -196,7 +207,7 @@ def test_the_lines_of_a_hand_wheel_say_why_no_felt_delay_is_known() -> None:
     }
     for bus, ending in (
         (None, ""),
-        ({}, "; not known over a bus, on which frames wait for others"),
+        ({}, "; not known over a bus where latency varies, frames are lost or faults act"),
     ):
         study: Any = SimpleNamespace(factors=[factor], bus=bus, hand_wheels={"": {}})
         _, lines = hand_wheel_section(study, rows)
