@@ -9,24 +9,31 @@ At one instant, with what ``closed_loop.compiled.loop`` does at it:
 5. the hand wheel runs a cycle, and its state arrives, if that takes no time
 """
 
+from collections.abc import Sequence
 from enum import IntEnum
 from math import nan
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import Mode, SteeringForce
 from ...hand_wheel.driver import kicks_n_m
 from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
 from ...hand_wheel.modes import FeedbackMode, feedback_mode_step, good_messages, share_step
+from ...plant_emulator.network.settings import LatencySettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
-from ...runtime.node import NEVER_NS
+from ...runtime.node import NEVER_NS, NS_PER_S
 from .law_input import Uplink
 from .network import UPLINKS, Arrivals, ToPlant, arrivals_of, in_use_at, sensor_noise
 
 if TYPE_CHECKING:
     from ...hand_wheel.settings import HandWheelSettings
+
+
+OnBus = Sequence[tuple[int, int]]
+"""Counter of each frame of a message, and when it was complete on the bus [ns]."""
 
 
 class Event(IntEnum):
@@ -138,9 +145,7 @@ def felt_delay_s(plant: PlantSettings, wheel: "HandWheelSettings", events: Wheel
     reads = FEEDBACK_LAWS[wheel.feedback.law].reads
     if reads is None:
         return nan
-    is_force = reads is SteeringForce
-    in_use = events.in_use[UPLINKS[reads]]
-    period_ns = plant.force_period_ns if is_force else plant.sensor_period_ns
+    in_use, period_ns = events.in_use[UPLINKS[reads]], _road_period_ns(plant, wheel)
     is_state = (events.kind == Event.STATE) | (events.is_state != 0)
     # The sensors come before an angle that arrives without latency, after any other one.
     known_ns = 2 * events.ns[is_state] + (events.kind[is_state] == Event.STATE)
@@ -148,6 +153,37 @@ def felt_delay_s(plant: PlantSettings, wheel: "HandWheelSettings", events: Wheel
     felt = np.flatnonzero((in_use >= 0) & (angle >= 0))
     answered = events.number[is_state][angle[felt]]
     return float(np.mean(felt - answered)) * wheel.cycle_s if len(felt) else nan
+
+
+def felt_delay_on_bus_s(
+    plant: PlantSettings, wheel: "HandWheelSettings", states: OnBus, roads: OnBus
+) -> float:
+    """Return the same of a run over a bus, on which frames wait, from its frames.
+
+    ``states``, ``roads``  counters of HAND_WHEEL_STATE and of what the law reads, and when each was
+                           complete on the bus [ns]
+
+    NaN also where a latency varies or loses frames.
+    """
+    down, up = plant.latency.downlink, plant.latency.uplink
+    is_constant = all(line == LatencySettings(mean_s=line.mean_s) for line in (down, up))
+    if not (is_constant and states and roads):
+        return nan
+    (state, came_ns), (road, felt_ns) = (np.array(each, np.int64).T for each in (states, roads))
+    state, road = (np.unwrap(each, period=COUNTERS) for each in (state, road))
+    read_ns = road * _road_period_ns(plant, wheel)
+    cycle_ns = np.arange(0, felt_ns[-1] + 1, wheel.cycle_ns)
+    newest = np.searchsorted(felt_ns, cycle_ns, side="right") - 1
+    known = np.searchsorted(came_ns + round(down.mean_s * NS_PER_S), read_ns, side="right") - 1
+    felt = np.flatnonzero((newest >= 0) & (known[newest] >= 0))
+    answered = state[known[newest[felt]]]
+    return float(np.mean(felt - answered)) * wheel.cycle_s if len(felt) else nan
+
+
+def _road_period_ns(plant: PlantSettings, wheel: "HandWheelSettings") -> int:
+    """Return the period with which the plant reads what the law does."""
+    is_force = FEEDBACK_LAWS[wheel.feedback.law].reads is SteeringForce
+    return plant.force_period_ns if is_force else plant.sensor_period_ns
 
 
 def _modes(

@@ -120,8 +120,8 @@ class HandWheelFigures(NamedTuple):
     hand_wheel_shakes_hz: float = nan
     hand_wheel_amplitude_rad: float = nan
     felt_delay_s: float = nan
-    """Mean age of the wheel's angle that the felt torque answers; NaN over a bus, and for a law
-    that needs none."""
+    """Mean age of the wheel's angle that the felt torque answers; NaN for a law that needs no bus,
+    and over a bus where latency varies, frames are lost or faults act."""
 
 
 HAND_WHEEL_COLUMNS = HandWheelFigures._fields

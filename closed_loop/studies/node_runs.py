@@ -5,6 +5,7 @@ errors and clocks, the nodes themselves run on it, some thousand times slower. T
 may be a program in lockstep: its commands are known from the bus.
 """
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from math import nan
 from typing import Any
@@ -15,13 +16,14 @@ from ...controller.node.node import ControllerNode
 from ...dbc import messages
 from ...dbc.bus_language import read_language
 from ...dbc.messages import Freshness, Mode, SafetyState, SteeringStatusCode
+from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
 from ...hand_wheel.node import HandWheelNode
 from ...plant_emulator.evaluation.run_verdict import RANGE_M, RunEnd, VerdictRules
 from ...plant_emulator.path.cg_deviation import cg_deviation_m
 from ...runtime.array_types import FloatArray
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
-from ..compiled.hand_wheel_events import felt_delay_s
+from ..compiled.hand_wheel_events import felt_delay_on_bus_s, felt_delay_s
 from ..compiled.schedule import schedule_run
 from ..lockstep.node import LockstepNode, controller_node
 from ..pair.virtual_bus import shared_bus
@@ -56,6 +58,8 @@ class ReactionWatch:
     def __init__(self) -> None:
         self.sent_rad: list[float] = []
         """The commands on the bus, plans left out."""
+        self.frames: dict[type, list[tuple[int, int]]] = defaultdict(list)
+        """Counter of each frame of a message, and when it was complete on the bus [ns]."""
         self._reported_ns: list[int] = []
         self._left_ns: list[int] = []
         self._counts: dict[type, tuple[int, ...]] = {}
@@ -159,18 +163,23 @@ def run_on_nodes(pair: Pair, rules: VerdictRules, row: FloatArray) -> RunEnd:
     lost = downlink["lost"], uplink["lost"]
     row[COUNTED] = (len(motion.time_s), len(sent_rad), downlink["released"], *lost)
     if isinstance(nodes.hand_wheel, HandWheelNode):
-        row[COUNTED.stop :] = _wheel_figures(pair, nodes.hand_wheel)
+        row[COUNTED.stop :] = _wheel_figures(pair, nodes.hand_wheel, watch)
     if has_left or report["failure"]:  # the plant's own: a car that has left its path
         return RunEnd.LEFT_RANGE
     return RunEnd.CONTROLLER_FAILED if controller.report()["failure"] else RunEnd.COMPLETE
 
 
-def _wheel_figures(pair: Pair, node: HandWheelNode) -> HandWheelFigures:
-    """Return the figures; the network alone decides the felt delay."""
-    lines, felt_s = (pair.plant.latency.downlink, pair.plant.latency.uplink), nan
-    if pair.hand_wheel is not None and pair.bus is None and not any(it.has_trace for it in lines):
-        events = schedule_run(pair.plant, pair.controller, pair.hand_wheel).wheel
-        felt_s = nan if events is None else felt_delay_s(pair.plant, pair.hand_wheel, events)
+def _wheel_figures(pair: Pair, node: HandWheelNode, watch: ReactionWatch) -> HandWheelFigures:
+    """Return the figures; without a bus the network alone decides the felt delay."""
+    plant, wheel, felt_s = pair.plant, pair.hand_wheel, nan
+    lines = plant.latency.downlink, plant.latency.uplink
+    if wheel is not None and pair.bus is not None and not plant.faults:
+        frames, reads = watch.frames, FEEDBACK_LAWS[wheel.feedback.law].reads
+        roads = frames[reads] if reads else ()
+        felt_s = felt_delay_on_bus_s(plant, wheel, frames[messages.HandWheelState], roads)
+    elif wheel is not None and pair.bus is None and not any(it.has_trace for it in lines):
+        events = schedule_run(plant, pair.controller, wheel).wheel
+        felt_s = nan if events is None else felt_delay_s(plant, wheel, events)
     return HandWheelFigures(*(node.shaking or ()))._replace(felt_delay_s=felt_s)
 
 
@@ -184,6 +193,7 @@ def _ran(pair: Pair) -> tuple[VirtualPair[ControllerNode | LockstepNode], Reacti
         for ours in listening.hear(frame, time_ns).ours:
             decoded = messages.decode(ours)
             if isinstance(decoded, messages.Decoded):
+                watch.frames[type(decoded.message)].append((decoded.counter, time_ns))
                 watch.on_message(time_ns, decoded.message)
 
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:

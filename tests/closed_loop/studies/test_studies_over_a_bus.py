@@ -5,8 +5,9 @@ import json
 import shlex
 import sys
 from contextlib import redirect_stdout
+from math import nan
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -17,7 +18,7 @@ from steer_by_wire.closed_loop.scripting.simulate import simulate
 from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.node_runs import run_on_nodes
 from steer_by_wire.closed_loop.studies.result_files import Store
-from steer_by_wire.closed_loop.studies.run_study import run_study
+from steer_by_wire.closed_loop.studies.run_study import run_study, sweep
 from steer_by_wire.closed_loop.studies.scenario import Pair, Scenarios
 from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.controller.settings import controller_preset
@@ -242,6 +243,29 @@ def test_a_controller_that_stops_for_implausible_signals_has_failed_and_not_its_
     pair = Pair(plant=plant, controller=controller, bus=BusSettings())
     end = run_on_nodes(pair, VerdictRules(), row)
     assert end is RunEnd.CONTROLLER_FAILED
+
+
+VARIED = {"model": "normal", "mean_s": 0.1, "spread_s": 0.01}
+
+
+@pytest.mark.parametrize("law", ["rack_force", "spring"])
+@pytest.mark.parametrize(
+    ("downlink", "uplink_s", "felt_s"),
+    # A frame comes after the instant at which sensors or wheel would have taken it.
+    [
+        ({"mean_s": 0.03}, 0.02, 0.07),
+        ({"mean_s": 0.025}, 0.015, 0.05),
+        ({}, 0.0, 0.02),
+        (VARIED, 0, nan),
+    ],
+)
+def test_the_delay_that_is_felt_over_a_bus_has_its_frames_in_it(
+    law: str, downlink: dict[str, Any], uplink_s: float, felt_s: float
+) -> None:
+    fixed = {"plant.latency": {"downlink": downlink, "uplink": {"mean_s": uplink_s}}}
+    over = {"hand_wheel.feedback.law": [law]}
+    table = sweep(over, overrides=fixed, hand_wheel="still", duration_s=2.0, bus={"load": 0.5})
+    np.testing.assert_allclose(table["felt_delay_s"], felt_s, rtol=1e-12)
 
 
 CAR = Path(__file__).parents[2] / "dbc" / "dialect" / "my_car.toml"
