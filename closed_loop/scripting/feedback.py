@@ -51,7 +51,7 @@ _BISECTIONS = 50
 _DAMPINGS_N_M_S = 1e-3, 1e3
 """Which friction may stand for."""
 _DAMPING_BISECTIONS = 14
-"""To a thousandth: the describing function itself is within some 10 %."""
+"""To a thousandth; runs hold a median of 0.92 of it (``tests.searches.friction_holds``)."""
 
 
 class UnstableRange(NamedTuple):
@@ -229,7 +229,7 @@ def feedback_loop(
 
 
 class Threshold(NamedTuple):
-    """A swing of the hand wheel from which on swings grow, while smaller ones die down."""
+    """A swing of the hand wheel from which on swings grow, while most smaller ones die down."""
 
     amplitude_rad: float
     frequency_hz: float
@@ -238,7 +238,7 @@ class Threshold(NamedTuple):
 def friction_threshold(
     plant: PlantSettings, wheel: HandWheelSettings, round_trip_s: float
 ) -> Threshold | None:
-    """Return the swing up to which the wheel's friction holds an unstable loop; None for others.
+    """Return the largest swing that friction holds in an unstable loop, None for other loops.
 
     ``round_trip_s``  a whole number of cycles
     """
@@ -283,6 +283,6 @@ def computed_text(plant: PlantSettings, wheel: HandWheelSettings) -> str:
     if (threshold := friction_threshold(plant, wheel, cycles * wheel.cycle_s)) is None:
         return text
     return (
-        f"{text}; at {1e3 * cycles * wheel.cycle_s:.0f} ms its friction holds swings up to about"
-        f" ±{threshold.amplitude_rad:.2g} rad, and larger ones grow"
+        f"{text}; at {1e3 * cycles * wheel.cycle_s:.0f} ms its friction holds swings of at most"
+        f" ±{threshold.amplitude_rad:.2g} rad, and some smaller ones grow too"
     )

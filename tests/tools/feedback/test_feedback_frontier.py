@@ -1,7 +1,6 @@
 """The frontier of feedback laws: its figures by runs, and those that the page names."""
 
 import json
-from itertools import pairwise
 from math import inf
 from pathlib import Path
 
@@ -63,8 +62,7 @@ def test_the_change_of_the_felt_torque_is_that_of_a_run() -> None:
 def test_noise_filters_the_rate_of_a_stronger_damping_more() -> None:
     designs = list(frontier.damped(BENCH, PASS_THROUGH, "", [0.1, 0.5, 2.0]))
     cutoffs = [float(each.settings.split("(")[1].split()[0]) for each in designs]
-    assert all(low >= high for low, high in pairwise(cutoffs))
-    assert cutoffs[0] > cutoffs[-1]
+    assert cutoffs[0] > cutoffs[1] > cutoffs[2]
 
 
 def test_a_passivity_controller_stills_what_shakes_without_it() -> None:
