@@ -62,7 +62,7 @@ def test_the_change_of_the_felt_torque_is_that_of_a_run() -> None:
 def test_noise_filters_the_rate_of_a_stronger_damping_more() -> None:
     designs = list(frontier.damped(BENCH, PASS_THROUGH, "", [0.1, 0.5, 2.0]))
     cutoffs = [float(each.settings.split("(")[1].split()[0]) for each in designs]
-    assert cutoffs[0] > cutoffs[1] > cutoffs[2]
+    assert cutoffs[0] >= cutoffs[1] > cutoffs[2]
 
 
 def test_a_passivity_controller_stills_what_shakes_without_it() -> None:
