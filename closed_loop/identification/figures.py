@@ -181,24 +181,21 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
             lower, higher = _ends(other, kind)
             low, high = min(low, lower), max(high, higher)
         ends[kind.name] = (max(low, 0.0) if kind.unit in _POSITIVE else low), high
-    wide = [name for name in DELAYS if _width(ends[name]) > 2.0 * _ENOUGH.get(name, _ENOUGH["s"])]
+    wide = [name for name in DELAYS if not _is_narrow(ends[name], _ENOUGH.get(name, _ENOUGH["s"]))]
     ends |= zip(DELAYS, compatible(*map(ends.__getitem__, DELAYS)), strict=True)
     values = figure_values(found.values)
     values["lag_s"] = min(values["lag_s"], max(values["delay_and_lag_s"], 0.0))
-    found_figures = [_figure(found, one, values[one.name], ends[one.name]) for one in kinds]
     # That none is below 0 narrows a whole, and by it the parts, which the log does not tell.
     unknown = wide if DELAYS[0] in wide else ()
-    return [_unidentified(one) if one.name in unknown else one for one in found_figures]
+    return [
+        _figure(found, one, values[one.name], ends[one.name], is_told=one.name not in unknown)
+        for one in kinds
+    ]
 
 
-def _width(ends: Ends) -> float:
-    return ends[1] - ends[0]
-
-
-def _unidentified(figure: Figure) -> Figure:
-    if figure.verdict is not Verdict.IDENTIFIED:
-        return figure
-    return figure._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=_ADVICE.get(figure.name, _SWEEP))
+def _is_narrow(ends: Ends, enough: float) -> bool:
+    """Whether an interval identifies: it is no wider than ``enough`` twice."""
+    return ends[1] - ends[0] <= 2.0 * enough + 1e-9
 
 
 def compatible(total: Ends, lag: Ends, dead: Ends) -> tuple[Ends, Ends, Ends]:
@@ -222,29 +219,30 @@ def compatible(total: Ends, lag: Ends, dead: Ends) -> tuple[Ends, Ends, Ends]:
     return (whole_low, whole_high), (lag_low, lag_high), (dead_low, dead_high)
 
 
-def _figure(found: Fit, kind: _Kind, value: float, ends: Ends) -> Figure:
+def _figure(found: Fit, kind: _Kind, value: float, ends: Ends, *, is_told: bool) -> Figure:
     name, unit, _ = kind
     by_unit = _ENOUGH.get(unit, _SHARE * abs(min(max(value, ends[0]), ends[1])))
     enough = _ENOUGH.get(name, by_unit)
-    figure = figure_within(name, unit, value, ends, enough, _ADVICE.get(name, _SWEEP))
+    advice = _ADVICE.get(name, _SWEEP)
+    figure = figure_within(name, unit, value, ends, enough, advice)
     # Of two factors turning shows the product alone.
     factors = {"steering_ratio": "wheelbase_m", "wheelbase_m": "steering_ratio"}
     is_factor = name in factors and "wheelbase_m" in {one.name for one in found.problem.assumed}
-    if figure.verdict is Verdict.IDENTIFIED and not is_factor:
+    if figure.verdict is Verdict.IDENTIFIED and is_told and not is_factor:
         return figure
     partner = factors[name] if is_factor else _partner(found, kind, enough)
     if partner:
         return figure._replace(verdict=Verdict.COMBINATION, note=f"with {partner}")
-    return figure
+    return figure._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=advice)
 
 
 def figure_within(
     name: str, unit: str, value: float, ends: Ends, enough: float, advice: str
 ) -> Figure:
-    """Return a figure, which is identified if its interval is no wider than ``enough`` twice."""
+    """Return a figure, which is identified if its interval is narrow enough."""
     low, high = map(float, ends)
-    value, is_narrow = min(max(value, low), high), high - low <= 2.0 * enough + 1e-9
-    if is_narrow:
+    value = min(max(value, low), high)
+    if _is_narrow(ends, enough):
         return Figure(name, unit, value, low, high, Verdict.IDENTIFIED)
     return Figure(name, unit, value, low, high, Verdict.NOT_IDENTIFIABLE, advice)
 
