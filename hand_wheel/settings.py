@@ -188,7 +188,7 @@ class HandWheelSettings(Settings):
         """Nominal system from hand wheel angle to the road's torque, without a bus."""
         model = self.nominal_model
         vehicle = RoadVehicle(*(getattr(model, name) for name in RoadVehicle._fields))
-        rack = Rack(steering_ratio=self.steering_ratio, lag_s=max(model.actuator_lag_s, _LAG_S_MIN))
+        rack = Rack(lag_s=max(model.actuator_lag_s, _LAG_S_MIN))
         return road_torque(vehicle, self.feedback.torque_gradient_n_m, rack)
 
     @property

@@ -190,10 +190,10 @@ def road_torque(
     return nominal_road_torque(known, torque_gradient_n_m, rack, relaxation_m)
 
 
-def spring_torque(road: LinearSystem, gradient_n_m: float, rack: Rack) -> LinearSystem:
+def spring_torque(road: LinearSystem, gradient_n_m: float) -> LinearSystem:
     """Return a road whose torque is that of a spring, which the road wheels stretch."""
     of_wheel = np.zeros(len(road.c))
-    of_wheel[0] = gradient_n_m * rack.steering_ratio
+    of_wheel[0] = gradient_n_m
     return road._replace(c=of_wheel)
 
 
@@ -209,11 +209,10 @@ def feedback_loop(
     linear, law = wheel.wheel.linear, wheel.feedback
     if law.law == "model":
         return None
-    rack = Rack(steering_ratio=wheel.steering_ratio, lag_s=max(plant.actuator.lag_s, 1e-6))
-    vehicle = vehicle_params(plant.vehicle)
+    rack, vehicle = Rack(lag_s=max(plant.actuator.lag_s, 1e-6)), vehicle_params(plant.vehicle)
     road = road_torque(vehicle, law.torque_gradient_n_m, rack, plant.car)
     if law.law == "spring":
-        road = spring_torque(road, law.torque_gradient_n_m, rack)
+        road = spring_torque(road, law.torque_gradient_n_m)
     damping_n_m_s = linear.damping_n_m_s + law.damping_n_m_s + added_n_m_s
     damped = linear._replace(damping_n_m_s=damping_n_m_s)
     grip, sampled = GRIPS[wheel.driver.grip], PASS_THROUGH

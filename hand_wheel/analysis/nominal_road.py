@@ -1,15 +1,15 @@
 """Nominal road: the way from hand wheel angle to the torque that comes back, without a bus.
 
-The road wheels follow the hand wheel's angle over the steering ratio by a servo; the torque at the
-hand wheel is that of the front axle's slip angle,
+The road wheels follow the hand wheel by a servo; its torque is that of the front axle's slip angle,
 
-    F  = K i α_f                    σ_f α_f' = V (δ - β - l_f r/V - α_f)
+    F  = K α_f                      σ_f α_f' = V (δ - β - l_f r/V - α_f)
     β' = (c_f α_f + c_r α_r)/(m V) - r        σ_r α_r' = V (-β + l_r r/V - α_r)
     r' = (c_f l_f α_f - c_r l_r α_r)/J
 
     K   torque_gradient_n_m  torque per angle of the hand wheel while the vehicle stands still
                              sideways [N m/rad]
-    i   steering ratio       δ   angle of the road wheels [rad]
+    δ   angle of the road wheels [rad]; like all angles, of the car times the steering ratio, which
+        so cancels
     β, r   side slip angle [rad] and yaw rate [rad/s] at the speed V
     α, σ   slip angle that the tyres' force has [rad], and their relaxation lengths [m]; without a
            length the force follows at once
@@ -27,14 +27,13 @@ from ..wheel import LinearSystem
 
 
 class Rack(NamedTuple):
-    """Servo of the road wheels and its ratio to the hand wheel; the defaults are chosen.
+    """Servo of the road wheels; the defaults are chosen.
 
     ``lag_s``  of a servo of first order in place of the second, as the linear plant has
     """
 
     bandwidth_hz: float = 8.0
     damping: float = 0.8
-    steering_ratio: float = 16.0
     lag_s: float | None = None
 
 
@@ -65,7 +64,7 @@ def road_torque(
     v, m, j, c_f, c_r, l_f, l_r = vehicle
     by_front = np.array([c_f / (m * v), c_f * l_f / j])
     slip = np.array([-1.0, -l_f / v])
-    servo, ratio_1 = _servo(rack), 1.0 / rack.steering_ratio
+    servo = _servo(rack)
     order = len(servo.b)
     if all(relaxation_m):
         to_slip_1_s = v / np.array(relaxation_m)
@@ -85,9 +84,9 @@ def road_torque(
         )
         by_wheel, torque = by_front, np.array([*servo.c, *slip])
     a, b = np.zeros((len(torque), len(torque))), np.zeros(len(torque))
-    a[:order, :order], b[:order] = servo.a, servo.b * ratio_1
+    a[:order, :order], b[:order] = servo.a, servo.b
     a[order:, order:], a[order:, :order] = motion, np.outer(by_wheel, servo.c)
-    return LinearSystem(a, b, torque_gradient_n_m * rack.steering_ratio * torque)
+    return LinearSystem(a, b, torque_gradient_n_m * torque)
 
 
 def _servo(rack: Rack) -> LinearSystem:

@@ -105,15 +105,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("--torque-sensor", wheel.sensor_n_m_rad, 0.0, 1e4, "N m/rad", "stiffness; 0: rigid"),
         ("--rack-hz", rack.bandwidth_hz, 1e-3, 100.0, "Hz", "bandwidth of the rack's servo"),
         ("--lag-ms", None, 1e-3, 1e3, "ms", "lag of first order in place of that servo"),
-        ("--ratio", rack.steering_ratio, 1e-3, 100.0, "", "hand wheel angle per road wheel angle"),
         ("--cdob", None, 0.1, 1e3, "rad/s", "bandwidth of a communication disturbance observer"),
         ("--washout", 2.0, 0.0, 100.0, "rad/s", "slower torque is the road's alone"),
         ("--torque-noise", 0.05, 1e-3, 10.0, "N m", "noise that --frontier lets a law make"),
     ):
         added = parser.add_argument(
             option, type=number(low, high, unit), metavar="VALUE",
-            help=f"{what} [{unit}]".removesuffix(" []")
-            + ("" if default is None else f" (default: {default:g})"),
+            help=f"{what} [{unit}]" + ("" if default is None else f" (default: {default:g})"),
         )  # fmt: skip
         omitted[added.dest] = default
     parser.add_argument(
@@ -139,7 +137,7 @@ def _run(options: argparse.Namespace, omitted: Mapping[str, float | None]) -> in
     bench = Bench(
         vehicle_params(plant.vehicle)._replace(speed_m_s=km_h / 3.6),
         gradient_n_m,
-        Rack(bandwidth_hz=options.rack_hz, steering_ratio=options.ratio, lag_s=lag_s),
+        Rack(options.rack_hz, lag_s=lag_s),
         HandWheel(options.inertia, options.damping, sensor_n_m_rad=options.torque_sensor),
         options.cycle_ms / 1e3,
         options.torque_noise,

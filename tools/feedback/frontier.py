@@ -88,7 +88,7 @@ class Bench(NamedTuple):
 
     def spring(self, grip: float = 1.0) -> LinearSystem:
         """Return the torque of a spring that the road wheels stretch; all of it is nominal."""
-        return spring_torque(self.road(1.0, grip), self.gradient_n_m, self.rack)
+        return spring_torque(self.road(1.0, grip), self.gradient_n_m)
 
     def loop(self, design: "Design", factor: float, grip: float = 1.0) -> SampledFeedback:
         """Return the loop of a design."""
