@@ -1,7 +1,7 @@
 """Figures of a car from a fit: value, 95 % interval, and whether the log identifies it.
 
     identified                   the interval is narrower than what ``_ENOUGH`` asks
-    only in combination with ..  it would be, if one other parameter were known
+    only in combination with ..  it would be, if other parameters were known
     not identifiable             neither: the log has to show more, and ``_ADVICE`` says what
 
 Stiffness and inertia are per kilogram. Lengths scale with the wheelbase where that is assumed.
@@ -106,6 +106,8 @@ _ENOUGH: Mapping[str, float] = {
 _SHARE = 0.25
 _POSITIVE = ("1", "m", "m2", "N/(rad kg)")
 """Units of what is positive: its logarithm is nearer to a normal distribution."""
+TOLD = ("front_share", "inertia", "steering_ratio", "wheelbase_m")
+"""Parameters that can be measured on a standing car, and told by ``Known``."""
 DELAYS = ("delay_and_lag_s", "lag_s", "dead_time_s")
 """A sum and its parts."""
 
@@ -305,19 +307,32 @@ def _slope(found: Fit, kind: _Kind) -> FloatArray:
 
 
 def _partner(found: Fit, kind: _Kind, enough: float) -> str:
-    """Return the parameter that, once known, would make a figure narrow enough; or nothing."""
-    covariance, slope = found.covariance, _slope(found, kind)
-    along = covariance @ slope
-    variance = float(slope @ along)
-    best, name = enough, ""
-    for at, parameter in enumerate(found.problem.coordinates):
-        if parameter.name == kind.source or (np.count_nonzero(slope) == 1 and slope[at]):
-            continue  # itself
-        left = variance - float(along[at]) ** 2 / max(float(covariance[at, at]), 1e-300)
-        half = found.critical * sqrt(max(left, 0.0))
-        if half < best:
-            best, name = half, user_name(found.problem, parameter.name)
-    return name
+    """Return what, once known, would make a figure narrow enough; or nothing.
+
+    That is one parameter, or else the fewest of TOLD that do it together.
+    """
+    slope, names = _slope(found, kind), [one.name for one in found.problem.coordinates]
+    sources = [names[at] for at in np.flatnonzero(slope)]
+    itself = [kind.source] if len(sources) > 1 else [kind.source, *sources]
+    others = [one for one in names if one not in itself]
+    best = min(others, key=lambda one: _half_knowing(found, slope, [one]))
+    if _half_knowing(found, slope, [best]) < enough:
+        return user_name(found.problem, best)
+    known = [one for one in others if one in TOLD]
+    if not known or _half_knowing(found, slope, known) >= enough:
+        return ""
+    for one in tuple(known):
+        fewer = [other for other in known if other != one]
+        known = fewer if _half_knowing(found, slope, fewer) < enough else known
+    return ", ".join(user_name(found.problem, one) for one in known)
+
+
+def _half_knowing(found: Fit, slope: FloatArray, known: Sequence[str]) -> float:
+    """Return half of the interval of a figure, by its slope, were some coordinates known."""
+    at = [place for place, one in enumerate(found.problem.coordinates) if one.name in known]
+    along = found.covariance @ slope
+    told = along[at] @ np.linalg.pinv(found.covariance[np.ix_(at, at)], hermitian=True) @ along[at]
+    return found.critical * sqrt(max(float(slope @ along - told), 0.0))
 
 
 def user_name(problem: Problem, parameter: str) -> str:

@@ -68,8 +68,16 @@ from steer_by_wire.runtime.settings import SettingsError, load_settings, read_pr
 NAME = "steer-by-wire identify"
 _MEASURED = {
     "front_axle_distance_m": "weigh the axles, and tell it by --known",
+    "steering_ratio": "look it up, and tell it by --known",
     "wheelbase_m": "measure it, and tell it by --known",
 }
+_TOLD = {
+    "steering_ratio": "steering_ratio",
+    "wheelbase_m": "wheelbase_m",
+    "front_axle_distance_m": "front_axle_distance_m",
+    "yaw_inertia_per_mass_m2": "mass_kg and yaw_inertia_kg_m2",
+}
+"""What ``--known`` takes, by the figure that asks for it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -213,6 +221,10 @@ def _advice(margin: DelayMargin | None, found: Identification) -> list[str]:
     if margin.share > 0.5:
         how = _MEASURED.get(margin.narrows, "drive more of it")
         lines.append(f"most of that interval comes from {margin.narrows}: {how}")
+    notes = [one.note for one in found.figures if one.verdict is Verdict.COMBINATION]
+    lacking = {partner for note in notes for partner in note.removeprefix("with ").split(", ")}
+    if tell := ", ".join(text for name, text in _TOLD.items() if name in lacking):
+        lines.append(f"next: tell by --known, as far as it is known: {tell}")
     wanted = {one.note for one in found.figures if one.verdict is Verdict.NOT_IDENTIFIABLE}
     # A drive that another one begins with is not told twice.
     whole = (one for one in sorted(wanted) if not any(it.startswith(f"{one},") for it in wanted))

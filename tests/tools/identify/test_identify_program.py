@@ -40,16 +40,16 @@ def log(tmp_path: Path) -> Path:
 
 def test_a_drive_becomes_a_vehicle_that_predicts_it(log, tmp_path, capsys) -> None:
     out = tmp_path / "car"
-    assert main([str(log), "--out", str(out)]) == 0
+    assert main([str(log), "--from", "5", "--out", str(out)]) == 0
     shown = capsys.readouterr().out
-    assert "steering_ratio_times_wheelbase_m" in shown
+    assert re.search(r"(?s)\ndelay_and_lag_s [^\n]* with \w+, \w+\n.*\nnext: tell by", shown)
     residual = float(re.search(r"residual of yaw rate: (\S+) %", shown)[1])
     vehicle = load_settings(PlantSettings, shared=shared_vehicle(out / "vehicle.toml")).vehicle
     tables = tomllib.loads((out / "vehicle.toml").read_text())
     assert vehicle.yaw_inertia_kg_m2 == tables["vehicle"]["yaw_inertia_kg_m2"]
     report = json.loads((out / "report.json").read_text())
     assert report["residual_percent"] == pytest.approx(residual, abs=0.01)
-    assert main([str(log), "--predict", str(out / "vehicle.toml")]) == 0
+    assert main([str(log), "--from", "5", "--predict", str(out / "vehicle.toml")]) == 0
     predicted = float(re.search(r"residual of yaw rate: (\S+) %", capsys.readouterr().out)[1])
     assert predicted == pytest.approx(residual, rel=0.02)
 
