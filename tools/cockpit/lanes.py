@@ -208,8 +208,9 @@ class OwnLanes:
             return
         pair, name = self._pairs[lane], _PROGRAMS[program]
         if action == "put_back":
-            if not self.lanes[lane].status["lost"]:
+            if self.hand is None or not self.lanes[lane].status["lost"]:
                 return
+            self.hand.let_go()  # its last orders would move the new car
             pair.programs.kill([name])
             action = "restart"
         if action == "restart":

@@ -76,6 +76,10 @@ class HandFile:
         grip, wheel = [*GRIPS].index(orders.grip), ["", *HAND_WHEELS].index(orders.wheel) - 1
         self._map[:] = _CONTENT.pack(now_ns, orders.steer_rad, grip, orders.speed_m_s, wheel)
 
+    def let_go(self) -> None:
+        """Leave no orders, at once."""
+        self._map[:] = _EMPTY
+
     def read(self, now_ns: int) -> Orders | None:
         """Return the orders; None when no one steers."""
         time_ns, steer_rad, grip, speed_m_s, wheel = _CONTENT.unpack(self._map[:])

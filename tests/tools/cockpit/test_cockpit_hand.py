@@ -53,6 +53,9 @@ def test_a_hand_sends_its_newest_angle_each_period_and_nothing_once_it_is_gone(
     written_ns = START_NS + 3 * PERIOD_NS
     assert node.on_tick(written_ns + RELEASED_NS - 1)
     assert node.on_tick(written_ns + RELEASED_NS) == ()
+    hand.write(Orders(0.1), node.deadline_ns)
+    hand.let_go()
+    assert node.on_tick(node.deadline_ns) == ()
 
 
 def test_ticks_that_were_missed_are_left_out_and_the_phase_is_kept(tmp_path: Path) -> None:
