@@ -71,10 +71,11 @@ def both(overrides: Mapping[str, Any], plant: str, controller: str, wheel: str) 
 
 NOMINAL = [(seed, "paper_nominal", {}) for seed in range(200)]
 CARS = [(3, "large_sedan", {}), (7, "large_sedan", {"plant.car.rack": {}})]
-"""Each kind of motion is compiled once more."""
+SAMPLE = [NOMINAL[seed] for seed in (0, 2, 3, 5, 11, 14, 16, 19)]
+"""Each kind of motion is compiled once more, and so is a dead time: here if a law keeps history."""
 
 
-@pytest.mark.parametrize(("seed", "plant", "table"), sampled(NOMINAL[:8], NOMINAL + CARS))
+@pytest.mark.parametrize(("seed", "plant", "table"), sampled(SAMPLE, NOMINAL + CARS))
 def test_every_column_has_the_same_bits(seed: int, plant: str, table: dict[str, Any]) -> None:
     controller, more = LAWS[seed % len(LAWS) if plant == "paper_nominal" else 0]
     wheel = WHEELS[seed % len(WHEELS)]

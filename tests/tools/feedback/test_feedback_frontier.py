@@ -78,6 +78,8 @@ def test_the_command_writes_what_the_page_says(
         monkeypatch.setattr(module, "ROUND_TRIPS_S", (0.02, 0.1))
     monkeypatch.setattr(frontier, "_CUTOFFS_RAD_S", (10.0, 20.0))
     monkeypatch.setattr(frontier, "_WASHOUTS_RAD_S", (4.0, 8.0))
+    monkeypatch.setattr(frontier, "_DAMPINGS_N_M_S", frontier._DAMPINGS_N_M_S[::3])
+    monkeypatch.setattr(frontier, "_CDOB_DAMPINGS_N_M_S", (0.0, 0.1))
     options = ["--cycle-ms", "5", "--frontier", str(tmp_path / "new")]
     assert program.main(options) == 0
     assert (tmp_path / "new" / "frontier.png").read_bytes().startswith(b"\x89PNG")
