@@ -194,8 +194,7 @@ def test_every_control_has_a_name_for_a_screen_reader(browser: Browser, live: st
     roles = ("button", "slider", "combobox", "textbox", "spinbutton", "tab", "img", "link")
     controls = [node for node in tree if node.get("role", {}).get("value") in roles]
     assert len(controls) > 25
-    nameless = [node for node in controls if not node.get("name", {}).get("value")]
-    assert nameless == []
+    assert [node for node in controls if not node.get("name", {}).get("value")] == []
 
 
 def test_a_live_loop_is_watched_driven_and_recorded(
@@ -288,11 +287,9 @@ def test_keys_pointer_and_gamepad_steer_the_car_over_the_bus(browser: Browser, l
     browser.read(NOTE_BEGIN)
     key(browser, "keyDown", "ArrowLeft")
     browser.wait_for(f"{value_of('steer_rad')} > 0.01")
-    begun = [
-        f"Number.isFinite(cockpit.lanes[0].value('steer_rad', begunS - {s}))" for s in (0.0, 1.0)
-    ]
+    steered = "Number.isFinite(cockpit.lanes[0].value('steer_rad', begunS - {}))"
     browser.wait_for("window.begunS !== undefined")
-    assert [browser.read(is_steered) for is_steered in begun] == [True, False]
+    assert [browser.read(steered.format(before_s)) for before_s in (0.0, 1.0)] == [True, False]
     browser.wait_for(f"{value_of('steer_in_effect_rad')} > 0.01")
     browser.wait_for(f"{value_of('lateral_error_m')} > 0.01")
     browser.wait_for(f"Math.abs({value_of('ghost_m')}) < 0.2")
