@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import correlate
 
+from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 from ..pair.pair_result import rms
@@ -28,6 +29,8 @@ _SIDE_LATE_S = 0.12
 _SHIFT_S = 0.008
 """A delay of a new log that differs by less is left as it is."""
 _BETTER = 0.9
+_RATIO_MIN, _RATIO_MAX = 3.0, 40.0
+"""Of steering ratios, karts and lorries included; chosen."""
 
 
 class Doubt(NamedTuple):
@@ -55,6 +58,7 @@ class Identification(NamedTuple):
 def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identification:
     """Return what a drive tells; raises SettingsError where no car of this model explains it."""
     notes, grid = list(drive.notes), grid_of(drive)
+    _refuse_wrong_unit(drive)
     _refuse_wrong_sign(drive)
     problem = problem_of(drive, known)
     found, found_all = fit(problem.seeking(), grid, progress), None
@@ -79,6 +83,12 @@ def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identifi
     if found.is_whole:
         _refuse_misfit(found)
     figures = figures_of(found, progress, _others(found, progress))
+    ratio = found.values["steering_ratio"]
+    if "steering_ratio" not in problem.held and not _RATIO_MIN <= ratio <= _RATIO_MAX:
+        notes.append(
+            f"a steering ratio of {ratio:.2g} is no car's: is the unit of {drive.steering.name}"
+            " right?"
+        )
     total = next(one for one in figures if one.name == "delay_and_lag_s")
     if total.high < 0.0:
         notes.append(
@@ -159,6 +169,17 @@ def _cross_correlation(errors: FloatArray, steering: FloatArray) -> float:
     e, u = errors - errors.mean(), steering - steering.mean()
     later = correlate(e, u)[len(u) - 1 :][: min(101, len(e) // 2)]
     return float(np.abs(later).max() / np.sqrt((e @ e) * (u @ u)))
+
+
+def _refuse_wrong_unit(drive: Drive) -> None:
+    """Refuse what turns harder than any tyre holds; raises SettingsError."""
+    _, speed = drive.at_yaw_rates()
+    side_m_s2 = float(np.quantile(np.abs(speed * drive.outputs[0].values), 0.99))
+    if side_m_s2 > FRICTION_MAX * GRAVITY_M_S2:
+        raise SettingsError(
+            f"speed times yaw rate reaches {side_m_s2:.0f} m/s2, more than tyres hold: one of them"
+            " has a wrong unit, as km/h or deg/s"
+        )
 
 
 def _refuse_wrong_sign(drive: Drive) -> None:

@@ -192,6 +192,9 @@ def _read(
                 "--dialect is of a log of the bus, and these are tables: leave it out"
             )
         return joined([read_columns(log, options.columns) for log in options.logs]), None
+    if tables := [log for log in options.logs if is_table(log)]:
+        other = next(log for log in options.logs if log not in tables)
+        raise SettingsError(f"{other}: is no table of time series, as {tables[0].name} is")
     try:
 
         def advance(file: str, share: float | None) -> None:

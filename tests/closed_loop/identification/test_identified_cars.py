@@ -196,10 +196,10 @@ def test_a_car_steered_at_the_rear_is_refused_in_words() -> None:
         identify(make_drive(channels, "rear"), drawn().known)
 
 
-def test_a_yaw_rate_of_wrong_sign_is_refused_in_words() -> None:
-    channels = [
-        one._replace(values=-one.values) if one.quantity is Quantity.YAW_RATE else one
-        for one in drawn().channels
-    ]
-    with pytest.raises(SettingsError, match="goes against the wheel"):
-        identify(make_drive(channels, "drawn"), drawn().known)
+def test_a_yaw_rate_of_wrong_sign_or_unit_is_refused_in_words() -> None:
+    channels = {one.quantity: one for one in drawn().channels}
+    rate = channels[Quantity.YAW_RATE]
+    for factor, complaint in ((-1.0, "goes against the wheel"), (57.3, "has a wrong unit")):
+        wrong = channels | {rate.quantity: rate._replace(values=factor * rate.values)}
+        with pytest.raises(SettingsError, match=complaint):
+            identify(make_drive([*wrong.values()], "drawn"), drawn().known)
