@@ -149,10 +149,7 @@ def felt_delay_s(plant: PlantSettings, wheel: "HandWheelSettings", events: Wheel
     is_state = (events.kind == Event.STATE) | (events.is_state != 0)
     # The sensors come before an angle that arrives without latency, after any other one.
     known_ns = 2 * events.ns[is_state] + (events.kind[is_state] == Event.STATE)
-    angle = np.searchsorted(known_ns, 2 * period_ns * in_use, side="right") - 1
-    felt = np.flatnonzero((in_use >= 0) & (angle >= 0))
-    answered = events.number[is_state][angle[felt]]
-    return float(np.mean(felt - answered)) * wheel.cycle_s if len(felt) else nan
+    return _mean_age_s(wheel, in_use, 2 * period_ns * in_use, known_ns, events.number[is_state])
 
 
 def felt_delay_on_bus_s(
@@ -171,13 +168,27 @@ def felt_delay_on_bus_s(
         return nan
     (state, came_ns), (road, felt_ns) = (np.array(each, np.int64).T for each in (states, roads))
     state, road = (np.unwrap(each, period=COUNTERS) for each in (state, road))
-    read_ns = road * _road_period_ns(plant, wheel)
     cycle_ns = np.arange(0, felt_ns[-1] + 1, wheel.cycle_ns)
-    newest = np.searchsorted(felt_ns, cycle_ns, side="right") - 1
-    known = np.searchsorted(came_ns + round(down.mean_s * NS_PER_S), read_ns, side="right") - 1
-    felt = np.flatnonzero((newest >= 0) & (known[newest] >= 0))
-    answered = state[known[newest[felt]]]
-    return float(np.mean(felt - answered)) * wheel.cycle_s if len(felt) else nan
+    in_use = np.append(road, -1)[np.searchsorted(felt_ns, cycle_ns, side="right") - 1]
+    known_ns = came_ns + round(down.mean_s * NS_PER_S)
+    return _mean_age_s(wheel, in_use, in_use * _road_period_ns(plant, wheel), known_ns, state)
+
+
+def _mean_age_s(
+    wheel: "HandWheelSettings",
+    in_use: IntArray,
+    read_ns: IntArray,
+    known_ns: IntArray,
+    cycles: IntArray,
+) -> float:
+    """Return the mean age of the angle that the road in use at each cycle answers.
+
+    ``in_use``, ``read_ns``   its number, -1 for none, and when the plant read it
+    ``known_ns``, ``cycles``  when each angle was known there, and the cycle that it is of
+    """
+    angle = np.searchsorted(known_ns, read_ns, side="right") - 1
+    felt = np.flatnonzero((in_use >= 0) & (angle >= 0))
+    return float(np.mean(felt - cycles[angle[felt]])) * wheel.cycle_s if len(felt) else nan
 
 
 def _road_period_ns(plant: PlantSettings, wheel: "HandWheelSettings") -> int:
