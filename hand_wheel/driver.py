@@ -130,7 +130,8 @@ def driver_step(
     two = p.two_point
     if two.reaction == NO_SIGHT:
         return x, Hands(p.grip if holds else HANDS_OFF, 0.0, 0.0, kick_n_m)
-    near_rad, far_rad = seen_angles(two, sight)
+    far_m = max(two.far_s * sight.speed_m_s, two.near_m)
+    near_rad, far_rad = _seen_rad(sight, two.near_m), _seen_rad(sight, far_m)
     by_sight_rad = two.far_gain * far_rad + two.near_gain * near_rad
     if not (holds and steers):
         rested = DriverState(angle_rad, angle_rad - by_sight_rad, angle_rad, True)
@@ -145,16 +146,11 @@ def driver_step(
     return DriverState(by_sight_rad + x.integral_rad, integral_rad, wished_rad, False), hands
 
 
-def seen_angles(p: TwoPointParams, sight: Sight) -> tuple[float, float]:
-    """Return the angles of the near and the far point against the car's axis, left positive [rad].
+def _seen_rad(sight: Sight, ahead_m: float) -> float:
+    """Return the angle of a point of the path against the car's axis, left positive [rad].
 
     The path is continued from the preview point with the curvature there.
     """
-    far_m = max(p.far_s * sight.speed_m_s, p.near_m)
-    return _seen_rad(sight, p.near_m), _seen_rad(sight, far_m)
-
-
-def _seen_rad(sight: Sight, ahead_m: float) -> float:
     error_m, heading_rad, curvature_1_m, _, preview_m = sight
     beyond_m = ahead_m - preview_m
     return (beyond_m * (0.5 * curvature_1_m * beyond_m - heading_rad) - error_m) / ahead_m

@@ -63,8 +63,8 @@ def shaking_report(found: Shaking | None) -> Mapping[str, Any]:
     """Return the verdict, and how it shakes, None if it is still, ready for JSON."""
     return {
         "verdict": shaking_text(found),
-        "shakes_at_hz": None if found is None else found.hz,
-        "amplitude_rad": None if found is None else found.amplitude_rad,
+        "shakes_at_hz": found and found.hz,
+        "amplitude_rad": found and found.amplitude_rad,
     }
 
 
