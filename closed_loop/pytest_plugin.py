@@ -14,7 +14,7 @@ by ``table.key``), ``bus`` (auto, socketcan or emulated) and ``dialect`` (the fi
 failed test the report names log, picture and seed; JUnit XML has seed and folder as properties.
 """
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,8 +42,10 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run a test with a rig once for each of its seeds."""
     if "rig" in metafunc.fixturenames:
         marker = metafunc.definition.get_closest_marker(MARKER)
-        seeds = list(marker.kwargs.get("seeds", ())) if marker is not None else []
-        if seeds:
+        seeds = marker.kwargs.get("seeds", ()) if marker is not None else ()
+        if not isinstance(seeds, Iterable):
+            pytest.fail(f"marker {MARKER}: seeds = {seeds!r} should be a list: [{seeds!r}]", False)
+        if seeds := list(seeds):
             metafunc.parametrize("rig", seeds, indirect=True, ids=[f"seed{s}" for s in seeds])
 
 
