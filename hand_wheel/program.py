@@ -45,9 +45,7 @@ QUANTITIES = {
     "wheel_safe_stops": Quantity(lambda report: float(report["node"]["safe_stops"])),
 }
 """What ``--fail-if`` may name; the amplitude is that of shaking."""
-ENDING = Ending(
-    {**QUANTITIES, **LOOP_QUANTITIES}, lambda report: str(report["node"]["verdict"])
-)  # fmt: skip
+ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: str(report["node"]["verdict"]))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
