@@ -8,6 +8,7 @@ Stiffness and inertia are per kilogram. Lengths scale with the wheelbase where t
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from enum import StrEnum
 from math import inf, sqrt
 from typing import NamedTuple
@@ -18,23 +19,36 @@ from scipy.optimize import approx_fprime
 from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...runtime.array_types import FloatArray
 from .fit import Fit, Progress, Refit, Stopped, quiet, refit
-from .parameters import Problem
+from .parameters import Parameter, Problem
 
 Ends = tuple[float, float]
 """Of an interval."""
-_TRIALS = 3
+_TRIALS = 8
 _NEAR = 0.1
 """Relative error of the rise that ends a search; a tenth of it is left to the cost."""
 
 
-def profile(found: Fit, name: str, progress: Progress = quiet) -> Ends:
-    """Return the interval of the coordinate of a parameter, from the profile of the cost.
+_Tried = tuple[float, dict[str, float]]
+"""How much more another car costs than the best, and its parameters."""
+
+
+class Profile(NamedTuple):
+    """The profile of the cost over a parameter.
+
+    ``ends``   interval of the parameter's coordinate
+    ``tried``  other cars
+    """
+
+    ends: Ends
+    tried: list[_Tried]
+
+
+def profile(found: Fit, name: str, progress: Progress = quiet) -> Profile:
+    """Return the profile of the cost over a parameter.
 
     That is how far it may move, with all others sought again, before the fit is worse. A covariance
     describes the cost at its minimum; where the cost is flat, bent or ends at a limit, the profile
-    says what the log knows. The cost may rise by the square of the critical value, times how much
-    wider the errors of the model, and what is assumed, make the variance. An end is infinite where
-    the cost stays flat up to its limit.
+    says what the log knows. An end is infinite where the cost stays flat up to its limit.
     """
 
     def advance(_what: str, done: int, of: int) -> None:
@@ -43,8 +57,9 @@ def profile(found: Fit, name: str, progress: Progress = quiet) -> Ends:
     at = found.problem.place(name)
     parameter = found.problem.parameters[at]
     half = half_of(found, name)
-    allowed = found.critical**2 * float(found.covariance[at, at] / found.bare[at, at])
+    allowed = _allowed(found, np.eye(len(found.x))[at])
     tolerance = max(1e-5, 0.1 * _NEAR * allowed / found.cost)
+    tried = list[_Tried]()
 
     def end(sign: float) -> float:
         limit = parameter.high if sign > 0.0 else parameter.low
@@ -53,8 +68,10 @@ def profile(found: Fit, name: str, progress: Progress = quiet) -> Ends:
         for _ in range(_TRIALS):
             is_limit = (x - limit) * sign >= 0.0
             x = limit if is_limit else x
-            near = refit(found, {name: parameter.value(x)}, advance, tolerance, near)
+            held = {name: parameter.value(x)}
+            near = refit(found, held, advance, tolerance, near)
             rise = near.cost - found.cost
+            tried.append((rise, found.problem.holding(held).values(near.x)))
             if (is_limit and rise < allowed) or abs(rise / allowed - 1.0) < _NEAR:
                 break
             # The cost is nearly a parabola: the next step is where it would have risen enough.
@@ -62,7 +79,7 @@ def profile(found: Fit, name: str, progress: Progress = quiet) -> Ends:
             x = found.x[at] + (x - found.x[at]) * min(ratio, 4.0)
         return sign * inf if (x - limit) * sign >= 0.0 else float(x)
 
-    return end(-1.0), end(1.0)
+    return Profile((end(-1.0), end(1.0)), tried)
 
 
 class Verdict(StrEnum):
@@ -132,8 +149,8 @@ _OF_CAR = (
     _Kind("dead_time_s", "s"),
     _Kind("steering_ratio", "1", "steering_ratio"),
     _Kind("wheelbase_m", "m", "wheelbase_m"),
-    _Kind("steering_offset_rad", "rad"),
-    _Kind("yaw_rate_offset_rad_s", "rad/s"),
+    _Kind("steering_offset_rad", "rad", "steering_offset_rad"),
+    _Kind("yaw_rate_offset_rad_s", "rad/s", "yaw_rate_offset_rad_s"),
 )
 
 
@@ -170,18 +187,16 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
     """Return all figures of a fit; by the covariance alone without progress, or once stopped.
 
     ``others``  fits of models that may be as right: each interval covers theirs, too
+
+    Each interval also covers the cars that the profiles of other parameters have found as likely.
+    Where the least costs lie on a curve, the covariance describes its tangent alone.
     """
-    kinds, ends = _kinds(found.problem), dict[str, Ends]()
+    kinds = _kinds(found.problem)
+    ends, tried = _profiled(found, kinds, progress)
     for kind in kinds:
-        low, high = _ends(found, kind)
-        if progress is not None:
-            try:
-                low, high = _by_profile(found, kind, (low, high), progress)
-            except Stopped:
-                progress = None
-        for other in others:
-            lower, higher = _ends(other, kind)
-            low, high = min(low, lower), max(high, higher)
+        near = _alike(found, kind, tried)
+        whole = [ends[kind.name], *(_ends(other, kind) for other in others)]
+        low, high = min([one[0] for one in whole] + near), max([one[1] for one in whole] + near)
         ends[kind.name] = (max(low, 0.0) if kind.unit in _POSITIVE else low), high
     wide = [name for name in DELAYS if not _is_narrow(ends[name], _ENOUGH.get(name, _ENOUGH["s"]))]
     ends |= zip(DELAYS, compatible(*map(ends.__getitem__, DELAYS)), strict=True)
@@ -264,31 +279,74 @@ def _ends(found: Fit, kind: _Kind) -> Ends:
     return value / grown, value * grown
 
 
-def _by_profile(found: Fit, kind: _Kind, ends: Ends, progress: Progress) -> Ends:
-    """Return the ends by the profile, where the covariance alone would not do."""
+def _profiled(
+    found: Fit, kinds: Sequence[_Kind], progress: Progress | None
+) -> tuple[dict[str, Ends], list[_Tried]]:
+    """Return the ends by the profile where the covariance would not do, and all cars tried."""
+    ends, tried = {one.name: _ends(found, one) for one in kinds}, list[_Tried]()
     sought = {one.name: one for one in found.problem.parameters}
-    parameter = sought.get(kind.source)
-    if parameter is None:
-        return ends
-    x = found.x[found.problem.place(parameter.name)]
-    half = half_of(found, parameter.name)
+    left = [one for one in kinds if one.source in sought]
+    if progress is None:
+        return ends, tried
+    with suppress(Stopped):
+        for is_doubtful in (_is_rough, _is_curved):
+            for kind in [one for one in left if is_doubtful(found, one, tried)]:
+                left.remove(kind)
+                own = profile(found, kind.source, progress)
+                ends[kind.name] = _ends_of(found, kind, sought[kind.source], own.ends)
+                tried += own.tried
+    return ends, tried
+
+
+def _is_rough(found: Fit, kind: _Kind, _tried: Sequence[_Tried]) -> bool:
+    """Whether a covariance says little: of a wide interval, or near a limit."""
+    at = found.problem.place(kind.source)
+    parameter, half, x = found.problem.parameters[at], half_of(found, kind.source), found.x[at]
     is_near = x - half <= parameter.low or x + half >= parameter.high
-    if not is_near and half <= (_SHARE if parameter.is_log else 0.01):
-        return ends
-    low, high = profile(found, kind.source, progress)
+    return bool(is_near or half > (_SHARE if parameter.is_log else 0.01))
+
+
+def _is_curved(found: Fit, kind: _Kind, tried: Sequence[_Tried]) -> bool:
+    """Whether another car is as likely that lies well outside of the interval."""
+    low, high = _ends(found, kind)
+    beyond = _SHARE * (high - low)
+    return any(not low - beyond <= one <= high + beyond for one in _alike(found, kind, tried))
+
+
+def _alike(found: Fit, kind: _Kind, tried: Sequence[_Tried]) -> list[float]:
+    """Return a figure of the cars that are as likely as its interval allows."""
+    allowed = _allowed(found, _slope(found, kind))
+    return [figure_values(of)[kind.name] for rise, of in tried if rise <= allowed]
+
+
+def _ends_of(found: Fit, kind: _Kind, parameter: Parameter, ends: Ends) -> Ends:
+    """Return the ends of a figure from those of its parameter's coordinate."""
+    (low, high), own = ends, _ends(found, kind)
+    x, half = found.x[found.problem.place(parameter.name)], half_of(found, parameter.name)
     if found.is_coloured:
         # The errors of a wrong car bend the cost, too: a narrower profile would be theirs.
         low = min(low, x - half if x - half > parameter.low else -inf)
         high = max(high, x + half if x + half < parameter.high else inf)
     if kind.name != parameter.name and kind.source != "lag_squared_s2":
         # Of a product the profile of one factor tells no more than whether there is an end.
-        return (-inf if low == -inf else ends[0], inf if high == inf else ends[1])
+        return -inf if low == -inf else own[0], inf if high == inf else own[1]
     lower, higher = (
         end if abs(end) == inf
         else figure_values({**found.values, kind.source: parameter.value(end)})[kind.name]
         for end in (low, high)
     )  # fmt: skip
     return lower, higher
+
+
+def _allowed(found: Fit, slope: FloatArray) -> float:
+    """Return how much more than the best fit a car may cost, for a figure with this slope.
+
+    That is the square of the critical value, times how much wider the errors of the model, and what
+    is assumed, make the variance.
+    """
+    sought = slope[: len(found.bare)]
+    bare = float(sought @ found.bare @ sought)
+    return found.critical**2 * float(slope @ found.covariance @ slope) / max(bare, 1e-300)
 
 
 def half_of(found: Fit, parameter: str) -> float:
