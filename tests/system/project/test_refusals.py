@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[3]
 REFUSED = {
     "analyse": "no command 'analyse'; did you mean analyze?",
     "--completion csh": "--completion takes one of bash, zsh",
+    "analyze none.log --out file": "--out file is a file: give the name of a folder",
     "bus --bitrate 0": "--bitrate",
     "bus --bitrate fast": "--bitrate",
     "bus --bitrate 2000000": "--bitrate",
@@ -73,7 +74,6 @@ REFUSED = {
     "run --bit-error-rate 0.1": "bit_error_rate = 0.1 should be",
     "run --bitrate=0": "10000 to 1000000",
     "run --bitrate=2000000": "10000 to 1000000",
-    "run --bitrate=fast": "10000 to 1000000",
     "run --bus-settings none.toml": "none.toml: cannot be read",
     "run --controller missing.toml": "missing.toml",
     "run --controller-command true --law pd": (
