@@ -21,7 +21,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.port import interface_choice, python_can
 from steer_by_wire.runtime.port.interface_choice import add_bus_arguments, choose_bus
 from steer_by_wire.runtime.port.python_can import BusPort, open_bus
-from tests.support.programs.running_program import PATIENCE_S
+from tests.support.programs.running_program import ORDINARY, PATIENCE_S
 
 
 @pytest.fixture(autouse=True)
@@ -70,7 +70,7 @@ def test_the_command_line_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_virtual_bus_is_said_to_end_at_the_process(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["-i", "virtual", "-c", uuid.uuid4().hex, "--duration", "0.05", "--priority", "0"]
+    arguments = ["-i", "virtual", "-c", uuid.uuid4().hex, "--duration", "0.05", *ORDINARY]
     assert main(["--preset", "practical_pd", *arguments]) == ExitStatus.OK
     assert (
         "python-can's virtual bus ends at this process: no other program is on it. "

@@ -199,8 +199,9 @@ def test_a_value_just_above_its_limit_is_shown_with_the_digits_that_differ() -> 
 
 @pytest.mark.usefixtures("same_process")
 def test_a_law_that_fails_its_demands_is_refused_and_its_best_kept_as_unmet(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("steer_by_wire.tools.design.search.parameter_search._FINE_GENERATIONS", 1)
     small_spec(tmp_path)
     status = design_gains.main(
         [
