@@ -95,9 +95,9 @@ TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 LONGEST = (
     "test_cockpit_page", "test_house_rules", "test_pages", "test_examples", "test_documentation",
-    "test_mpc", "test_packet_network", "test_compiled_run", "test_any_processor",
-    "test_detected_faults", "test_designed_presets", "test_plugin_parts", "test_package",
-    "test_studies_over_a_bus", "test_demo", "test_controller_program", "test_study_report",
+    "test_compiled_hand_wheel", "test_mpc", "test_packet_network", "test_compiled_run",
+    "test_design_gains", "test_grip_used", "test_feedback_loop", "test_designed_presets",
+    "test_detected_faults", "test_plugin_parts", "test_package", "test_any_processor",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""
 PREDICTORS = ("test_mpc", "test_packet_network", "test_lag_filter", "test_mass_filter")

@@ -80,8 +80,7 @@ def test_the_command_writes_what_the_page_says(
     monkeypatch.setattr(frontier, "_WASHOUTS_RAD_S", (4.0, 8.0))
     monkeypatch.setattr(frontier, "_DAMPINGS_N_M_S", frontier._DAMPINGS_N_M_S[::3])
     monkeypatch.setattr(frontier, "_CDOB_DAMPINGS_N_M_S", (0.0, 0.1))
-    options = ["--cycle-ms", "5", "--frontier", str(tmp_path / "new")]
-    assert program.main(options) == 0
+    assert program.main(["--cycle-ms", "5", "--frontier", str(tmp_path / "new")]) == 0
     assert (tmp_path / "new" / "frontier.png").read_bytes().startswith(b"\x89PNG")
     points = json.loads((tmp_path / "new" / "frontier.json").read_text())["points"]
     changed = {(point["law"], point["round_trip_s"]): point["changed"] for point in points}
