@@ -25,6 +25,7 @@ from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.cockpit.ghost import Ghost
 from steer_by_wire.tools.cockpit.hand import PERIOD_NS, HandNode, Person, Seat
+from steer_by_wire.tools.cockpit.lanes import OwnLanes
 from steer_by_wire.tools.cockpit.orders import (
     HAND_WHEELS,
     RELEASED_NS,
@@ -54,7 +55,9 @@ def test_a_hand_sends_its_newest_angle_each_period_and_nothing_once_it_is_gone(
     assert node.on_tick(written_ns + RELEASED_NS - 1)
     assert node.on_tick(written_ns + RELEASED_NS) == ()
     hand.write(Orders(0.1), node.deadline_ns)
-    hand.let_go()
+    lanes = OwnLanes("emulated")
+    lanes.hand, lanes.lanes, lanes._pairs = hand, [MagicMock(status={"lost": True})], [MagicMock()]
+    lanes.act(0, "plant", "put_back")
     assert node.on_tick(node.deadline_ns) == ()
 
 
