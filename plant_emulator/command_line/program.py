@@ -20,6 +20,7 @@ from ...runtime.node.end import End
 from ...runtime.program.fail_if_conditions import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from ...runtime.program.node_options import load_program_settings, make_parser
 from ...runtime.program.run_node import run_node
+from ...runtime.settings import SettingsError
 from ...runtime.settings.toml_text import dump_toml
 from ..evaluation.report_in_words import plant_summary, verdict_text
 from ..evaluation.run_record import SAMPLES_MAX, write_trace
@@ -175,6 +176,11 @@ def _run(options: argparse.Namespace) -> int:
     if options.check:
         print(check_text(settings), end="")
         return ExitStatus.OK
+    takes_fd = getattr(options, "fd", False) or options.key_file or options.dialect
+    if settings.path_ahead is not None and not takes_fd:
+        raise SettingsError(
+            "[path_ahead]: PATH_AHEAD needs CAN FD: add --fd to both programs, or leave it out"
+        )
     params = plant_motion_params(settings)
     # Without a trace nothing reads the samples.
     samples_max = 0 if options.trace is None else SAMPLES_MAX

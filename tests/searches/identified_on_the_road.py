@@ -1,11 +1,11 @@
-"""Identified cars on the road, with the predictor that ``design`` makes of each.
+"""Identified cars on the road, with the predictor that ``design`` makes of each, and ``mpc``.
 
-    python -m tests.searches.identified_on_the_road --count 4
+    python -m tests.searches.identified_on_the_road
 
 Cars are drawn and identified from 60 s of prescribed driving. Prints the largest deviation of each
 on the roads of the specification ``road``, at 0, 100 and 200 ms: with the preset, with the design
-for the car as identified, and with that where the path ahead is known. Of every second car mass,
-geometry and ratio are told.
+for the car as identified, with that where the path ahead is known, and there with ``highway_mpc``,
+told the vehicle and the design's steering. Of every second car mass, geometry and ratio are told.
 """
 
 import argparse
@@ -48,7 +48,7 @@ def true_vehicle(truth: Mapping[str, float], known: Known) -> VehicleFile:
     )
 
 
-def one_car(seed: int, spec: Specification, minutes: float) -> list[tuple[float, ...]]:
+def one_car(seed: int, spec: Specification) -> list[list[float]]:
     """Return the largest deviations at each delay with each controller [m]."""
     rng = np.random.default_rng(seed)
     truth = drawn_car(rng)
@@ -60,35 +60,34 @@ def one_car(seed: int, spec: Specification, minutes: float) -> list[tuple[float,
         file.write_text(vehicle_toml(found.fit, found.figures, found.speed_m_s, f"car {seed}"))
         identified = load_vehicle(Path(folder))
     road = required(spec.road)
-    identified = on_road(road, identified)
     preset, fallback = map(controller_preset, ("highway_predictor", "highway_pd_ddob"))
-    design = design_predictor(spec, identified, fallback, ends_after(minutes))
+    design = design_predictor(spec, on_road(road, identified), fallback, ends_after(5.0))
+    designed, steering = design.settings, ("actuator_lag_s", "actuator_dead_time_s")
+    words = [f"estimator.{key}={getattr(designed.estimator, key)}" for key in steering]
+    told = {"nominal_model": designed.nominal_model}
+    mpc = controller_preset("highway_mpc", words).model_copy(update=told)
     true, runs, ahead = true_vehicle(truth, drawn.known), [], PathAheadSettings()
-    for settings, path in ((preset, None), (design.settings, None), (design.settings, ahead)):
+    for settings, path in ((preset, None), (designed, None), (designed, ahead), (mpc, ahead)):
         worst_m = []
         for delay_ns in required(spec.predictor).delays_ns:
             plants = road_plants(road, true, constant(delay_ns), spec.course.duration_s)
-            cars = (
-                one.model_copy(update={"path_ahead": path}) for one in plants[: len(plants) // 2]
-            )
+            known = plants[: len(plants) // 2]
+            cars = (one.model_copy(update={"path_ahead": path}) for one in known)
             worst_m.append(max(drive(spec, one, settings).largest_m for one in cars))
-        runs.append(tuple(worst_m))
+        runs.append(worst_m)
     return runs
 
 
 def main(arguments: list[str]) -> None:
     """Print a row of each car."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--count", type=int, default=4)
-    parser.add_argument("--minutes", type=float, default=5.0)
-    parser.add_argument("--set", action="append", default=[], help="of the specification")
+    parser.add_argument("--count", type=int, default=6)
     options = parser.parse_args(arguments)
-    spec = load_settings(Specification, None, SHIPPED / "road.toml", options.set)
-    for seed in range(options.first, options.first + options.count):
-        rows = one_car(seed, spec, options.minutes)
-        words = (" ".join(f"{each_m:.2f}" for each_m in row) for row in rows)
-        sys.stdout.write("{}: preset {} m, designed {}, path known {}\n".format(seed, *words))
+    spec = load_settings(Specification, None, SHIPPED / "road.toml")
+    for seed in range(options.count):
+        rows = zip(("preset", "designed", "path known", "mpc"), one_car(seed, spec), strict=True)
+        words = (f"{name} {' '.join(map('{:.2f}'.format, row))} m" for name, row in rows)
+        sys.stdout.write(f"{seed}: {', '.join(words)}\n")
         sys.stdout.flush()
 
 
