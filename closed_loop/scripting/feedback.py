@@ -51,7 +51,7 @@ _BISECTIONS = 50
 _DAMPINGS_N_M_S = 1e-3, 1e3
 """Which friction may stand for."""
 _DAMPING_BISECTIONS = 14
-"""To a thousandth; runs hold a median of 0.92 of it (``tests.searches.friction_holds``)."""
+"""To a thousandth of the damping."""
 
 
 class UnstableRange(NamedTuple):
@@ -237,7 +237,9 @@ class Threshold(NamedTuple):
 def friction_threshold(
     plant: PlantSettings, wheel: HandWheelSettings, round_trip_s: float
 ) -> Threshold | None:
-    """Return the largest swing that friction holds in an unstable loop, None for other loops.
+    """Return the swing above which friction holds none in an unstable loop; None for other loops.
+
+    Runs hold a median of 0.92 of it, and up to 1.03 (``tests.searches.friction_holds``).
 
     ``round_trip_s``  a whole number of cycles
     """
@@ -283,5 +285,5 @@ def computed_text(plant: PlantSettings, wheel: HandWheelSettings) -> str:
         return text
     return (
         f"{text}; at {1e3 * cycles * wheel.cycle_s:.0f} ms its friction holds swings of at most"
-        f" ±{threshold.amplitude_rad:.2g} rad, and some smaller ones grow too"
+        f" about ±{threshold.amplitude_rad:.2g} rad, and some smaller ones grow too"
     )

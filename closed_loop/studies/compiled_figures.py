@@ -121,7 +121,7 @@ class HandWheelFigures(NamedTuple):
     hand_wheel_amplitude_rad: float = nan
     felt_delay_s: float = nan
     """Mean age of the wheel's angle that the felt torque answers; NaN for a law that needs no bus,
-    and over a bus where latency varies, frames are lost or faults act."""
+    and over a bus where a latency varies or loses frames, or faults act."""
 
 
 HAND_WHEEL_COLUMNS = HandWheelFigures._fields

@@ -59,7 +59,7 @@ class ReactionWatch:
         self.sent_rad: list[float] = []
         """The commands on the bus, plans left out."""
         self.frames: dict[type, list[tuple[int, int]]] = defaultdict(list)
-        """Counter of each frame of a message, and when it was complete on the bus [ns]."""
+        """With a hand wheel: counter of each frame of a message, and when it was complete [ns]."""
         self._reported_ns: list[int] = []
         self._left_ns: list[int] = []
         self._counts: dict[type, tuple[int, ...]] = {}
@@ -193,7 +193,8 @@ def _ran(pair: Pair) -> tuple[VirtualPair[ControllerNode | LockstepNode], Reacti
         for ours in listening.hear(frame, time_ns).ours:
             decoded = messages.decode(ours)
             if isinstance(decoded, messages.Decoded):
-                watch.frames[type(decoded.message)].append((decoded.counter, time_ns))
+                if pair.hand_wheel is not None:
+                    watch.frames[type(decoded.message)].append((decoded.counter, time_ns))
                 watch.on_message(time_ns, decoded.message)
 
     with controller_node(pair.command or pair.controller, TICKS_MAX) as controller:

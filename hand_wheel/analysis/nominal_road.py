@@ -1,6 +1,7 @@
 """Nominal road: the way from hand wheel angle to the torque that comes back, without a bus.
 
-The road wheels follow the hand wheel by a servo; its torque is that of the front axle's slip angle,
+The road wheels follow the hand wheel by a servo. The torque at the hand wheel is that of the front
+axle's slip angle,
 
     F  = K α_f                      σ_f α_f' = V (δ - β - l_f r/V - α_f)
     β' = (c_f α_f + c_r α_r)/(m V) - r        σ_r α_r' = V (-β + l_r r/V - α_r)
@@ -8,8 +9,8 @@ The road wheels follow the hand wheel by a servo; its torque is that of the fron
 
     K   torque_gradient_n_m  torque per angle of the hand wheel while the vehicle stands still
                              sideways [N m/rad]
-    δ   angle of the road wheels [rad]; like all angles, of the car times the steering ratio, which
-        so cancels
+    δ   angle of the road wheels [rad]. Here δ, β, r and α are those of the car times the steering
+        ratio, which cancels
     β, r   side slip angle [rad] and yaw rate [rad/s] at the speed V
     α, σ   slip angle that the tyres' force has [rad], and their relaxation lengths [m]; without a
            length the force follows at once

@@ -1,4 +1,4 @@
-"""Runs of both nodes on either side of a computed boundary; the searches have many more."""
+"""Compiled runs on either side of a computed boundary; the searches have many more."""
 
 import pytest
 
@@ -14,13 +14,11 @@ def test_runs_shake_where_the_analysis_says(number: int, law: str) -> None:
     assert disagreements(loop, boundary) == []
 
 
-@pytest.mark.parametrize(("number", "round_trip_ms"), [(17, 50), (51, 220)])
-def test_friction_holds_swings_below_the_one_that_is_computed(
-    number: int, round_trip_ms: int
-) -> None:
+@pytest.mark.parametrize(("number", "trip_ms"), [(17, 50), (51, 220)])
+def test_friction_holds_swings_below_the_one_that_is_computed(number: int, trip_ms: int) -> None:
     _, held = next(held_loops(number))
     computed_rad, real_rad = held.computed.amplitude_rad, real_swing_rad(held)
     assert real_rad is not None
     assert 0.9 < real_rad / computed_rad < 1.05
-    said = f"at {round_trip_ms} ms its friction holds swings of at most ±{computed_rad:.2g} rad"
+    said = f"at {trip_ms} ms its friction holds swings of at most about ±{computed_rad:.2g} rad"
     assert said in computed_text(*held.settings())

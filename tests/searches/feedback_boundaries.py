@@ -161,7 +161,7 @@ def run(plant: PlantSettings, wheel: HandWheelSettings, duration_s: float = DURA
 
 
 def growth_1_s(loop: Loop, gradient_n_m: float) -> float:
-    """Return the rate at which the wheel's swing grows in a run of both nodes [1/s].
+    """Return the rate at which the wheel's swing grows in a compiled run [1/s].
 
     It is infinite for a wheel that has soon come to its stops, or to the limit of its motor.
     """

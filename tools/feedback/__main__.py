@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--jitter-at", type=_numbers(0.0, 2000.0, "ms"), default=[], metavar="MS,...",
         help="show how much longer than these a round trip may be, from frame to frame",
     )  # fmt: skip
-    wheel, rack, omitted = HandWheel(), Rack(), dict[str, float | None]()
+    wheel, rack, defaults = HandWheel(), Rack(), dict[str, float | None]()
     for option, default, low, high, unit, what in (
         ("--cycle-ms", 1.0, 1e-3, 100.0, "ms", "cycle of the feedback"),
         ("--damping", wheel.damping_n_m_s, 1e-3, 100.0, "N m s/rad", "damping of the hand wheel"),
@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             option, type=number(low, high, unit), metavar="VALUE",
             help=f"{what} [{unit}]" + ("" if default is None else f" (default: {default:g})"),
         )  # fmt: skip
-        omitted[added.dest] = default
+        defaults[added.dest] = default
     parser.add_argument(
         "--plot", type=_png_file, metavar="FILE.png",
         help="draw the first unstable round trip over the torque gradient",
@@ -123,12 +123,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="compare the feedback laws instead; writes frontier.png and frontier.json there",
     )  # fmt: skip
     add_json_argument(parser)
-    return run_main(NAME, partial(_run, parser.parse_args(arguments), omitted))
+    return run_main(NAME, partial(_run, parser.parse_args(arguments), defaults))
 
 
-def _run(options: argparse.Namespace, omitted: Mapping[str, float | None]) -> int:
+def _run(options: argparse.Namespace, defaults: Mapping[str, float | None]) -> int:
     _refuse_idle(options)
-    for name, value in omitted.items():
+    for name, value in defaults.items():
         if getattr(options, name) is None:
             setattr(options, name, value)
     plant = load_settings(PlantSettings, read_preset(PRESETS, options.preset))

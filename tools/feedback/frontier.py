@@ -210,7 +210,7 @@ def best_points(bench: Bench) -> Iterator[list[Point]]:
 
 def _families(bench: Bench) -> Mapping[str, Iterable[Design]]:
     return {
-        "force as it arrives": damped(bench, PASS_THROUGH, "", _DAMPINGS_N_M_S),
+        "force as it arrives, damped": damped(bench, PASS_THROUGH, "", _DAMPINGS_N_M_S),
         "spring": (
             design._replace(is_spring=True)
             for design in damped(bench, PASS_THROUGH, "", _DAMPINGS_N_M_S)

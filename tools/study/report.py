@@ -81,7 +81,9 @@ def _times(times_s: FloatArray) -> tuple[Cell, Cell]:
     return number(str(len(known_ms))), number(f"{np.median(known_ms):.0f}, {known_ms.max():.0f}")
 
 
-_OVER_A_BUS = "not known over a bus where latency varies, frames are lost or faults act"
+FELT_DELAY_NOT_KNOWN = (
+    "not known with faults, a latency that varies or loses frames, or a law that needs no bus"
+)
 
 
 def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[str]]:
@@ -89,7 +91,7 @@ def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[st
     if not study.hand_wheels:
         return [], []
     delay_ms, shakes = 1e3 * rows["felt_delay_s"], np.isfinite(rows["hand_wheel_shakes_hz"])
-    unknown = "" if study.bus is None or np.isfinite(delay_ms).any() else f"; {_OVER_A_BUS}"
+    reason = "" if study.bus is None else f"; felt delay {FELT_DELAY_NOT_KNOWN}"
     found, lines = [], []
     for factor in study.factors:
         for label in [] if factor.sets("plant.latency") else factor.labels:
@@ -103,10 +105,10 @@ def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[st
             found.append((Cell(what), *map(number, (count, most, least))))
             is_known = len(still_ms) + len(late_ms)
             felt = f"still up to {most} ms, shakes from {least} ms"
-            lines.append(f"{what}: {felt if is_known else f'{count} runs shake{unknown}'}")
+            lines.append(f"{what}: {felt if is_known else f'{count} runs shake{reason}'}")
     table = Table(("Hand wheel", "shake", "still up to [ms]", "shakes from [ms]"), found)
     text = "By the felt delay: how old the wheel's angle is that the felt torque answers"
-    text += unknown + "."
+    text += "." if study.bus is None else f"; {FELT_DELAY_NOT_KNOWN}."
     return [Section("When the hand wheel shakes", (text,), tables=[table])], lines
 
 

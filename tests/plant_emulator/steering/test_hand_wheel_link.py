@@ -36,7 +36,7 @@ def plant(**tables: object) -> Link:
     return link(hand_wheel={"steering_ratio": 20.0}, latency=LATE, **tables)
 
 
-def test_the_controller_says_who_steers_and_the_ratio() -> None:
+def test_the_driver_steers_late_until_the_controller_decides() -> None:
     tested = plant()
     driven(range(100), 0.4, tested)
     tested.command(START_NS + 100 * MS_NS, -0.01)

@@ -326,7 +326,7 @@ def test_a_lost_car_is_put_back_and_its_round_does_not_count(browser: Browser, l
     browser.wait_for(f"/lost after [1-9]\\d* s; .* not count/.test({story})")
     key(browser, "keyUp", "ArrowLeft")
     browser.wait_for("document.getElementById('score').textContent === 'The car is ready'")
-    browser.wait_for(f"{light('Steering')} === 'NO COMMAND'")  # it stands at its start
+    browser.wait_for(f"{light('Steering')} === 'NO COMMAND'")  # it is sent none
     in_order(browser, live)
 
 

@@ -85,7 +85,7 @@ def test_the_command_writes_what_the_page_says(
     points = json.loads((tmp_path / "new" / "frontier.json").read_text())["points"]
     changed = {(point["law"], point["round_trip_s"]): point["changed"] for point in points}
     late = {(point["law"], point["round_trip_s"]): point["late_s"] for point in points}
-    arrives, controller = "force as it arrives", "passivity controller"
+    arrives, controller = "force as it arrives, damped", "passivity controller"
     assert changed[arrives, 0.02] < 0.5
     assert changed["CDOB", 0.1] < changed[controller, 0.1] < changed[arrives, 0.1]
     assert late[arrives, 0.1] == late[controller, 0.1] == pytest.approx(0.05)

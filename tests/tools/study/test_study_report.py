@@ -89,6 +89,8 @@ def test_the_page_holds_everything_and_needs_nothing(results: Path) -> None:
     assert "duration_s = 8.0" in base.partition("<details>")[0]
     assert "yaw_inertia" not in base.partition("<details>")[0]  # as by default: folded
     assert "yaw_inertia" in base.partition("</details>")[0]
+    assert "Law by delay" in text
+    assert "Against practical_pd" in text
     assert "Warning: runs of 8 s are judged by two windows of 2 s" in text
 
 
@@ -199,16 +201,14 @@ def test_laws_are_compared_run_by_run_where_both_hold(study: Study) -> None:
 
 
 def test_the_lines_of_a_hand_wheel_say_why_no_felt_delay_is_known() -> None:
-    factor = SimpleNamespace(name="law", labels=("a",), sets=lambda _key: False)
+    factor = SimpleNamespace(name="law", labels=("a", "b"), sets=lambda _key: False)
     rows: Rows = {
-        "felt_delay_s": np.full(2, np.nan),
-        "hand_wheel_shakes_hz": np.array([np.nan, 1.0]),
-        "law": np.array(["a", "a"]),
+        "felt_delay_s": np.array([np.nan, np.nan, 0.01, 0.02]),
+        "hand_wheel_shakes_hz": np.array([np.nan, 1.0, np.nan, 1.0]),
+        "law": np.array([*"aabb"]),
     }
-    for bus, ending in (
-        (None, ""),
-        ({}, "; not known over a bus where latency varies, frames are lost or faults act"),
-    ):
+    known = "law b: still up to 10.0 ms, shakes from 20.0 ms"
+    for bus, ending in ((None, ""), ({}, f"; felt delay {report.FELT_DELAY_NOT_KNOWN}")):
         study: Any = SimpleNamespace(factors=[factor], bus=bus, hand_wheels={"": {}})
         _, lines = hand_wheel_section(study, rows)
-        assert lines == [f"law a: 1 of 2 runs shake{ending}"]
+        assert lines == [f"law a: 1 of 2 runs shake{ending}", known]
