@@ -36,7 +36,7 @@ class Profile(NamedTuple):
     """The profile of the cost over a parameter.
 
     ``ends``   interval of the parameter's coordinate
-    ``tried``  other cars
+    ``tried``  other cars, each with how much more it costs
     """
 
     ends: Ends
@@ -155,7 +155,7 @@ _OF_CAR = (
 
 
 def figure_values(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the figures of a set of parameters by name; beside them the parameters."""
+    """Return the figures of a set of parameters by name, and the parameters."""
     v, lag_s = parameters, sqrt(parameters["lag_squared_s2"])
     share, wheelbase_m = v["front_share"], v["wheelbase_m"]
     return {
@@ -367,7 +367,7 @@ def _slope(found: Fit, kind: _Kind) -> FloatArray:
 def _partner(found: Fit, kind: _Kind, enough: float) -> str:
     """Return what, once known, would make a figure narrow enough; or nothing.
 
-    That is one parameter, or else the fewest of TOLD that do it together.
+    That is one parameter, or else some of TOLD that do it together, of which none can be spared.
     """
     slope, names = _slope(found, kind), [one.name for one in found.problem.coordinates]
     sources = [names[at] for at in np.flatnonzero(slope)]

@@ -86,8 +86,8 @@ def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identifi
     ratio = found.values["steering_ratio"]
     if "steering_ratio" not in problem.held and not _RATIO_MIN <= ratio <= _RATIO_MAX:
         notes.append(
-            f"a steering ratio of {ratio:.2g} is no car's: is the unit of {drive.steering.name}"
-            " right?"
+            f"a steering ratio of {ratio:.2g} is no car's ({_RATIO_MIN:g} to {_RATIO_MAX:g}): is"
+            f" the unit of {drive.steering.name} right? (unit in --columns)"
         )
     total = next(one for one in figures if one.name == "delay_and_lag_s")
     if total.high < 0.0:
@@ -177,8 +177,9 @@ def _refuse_wrong_unit(drive: Drive) -> None:
     side_m_s2 = float(np.quantile(np.abs(speed * drive.outputs[0].values), 0.99))
     if side_m_s2 > FRICTION_MAX * GRAVITY_M_S2:
         raise SettingsError(
-            f"speed times yaw rate reaches {side_m_s2:.0f} m/s2, more than tyres hold: one of them"
-            " has a wrong unit, as km/h or deg/s"
+            f"speed times yaw rate reaches {side_m_s2:.0f} m/s2, and tyres hold at most"
+            f" {FRICTION_MAX * GRAVITY_M_S2:.0f}: one of them has a wrong unit, as km/h or deg/s"
+            " (unit in --columns)"
         )
 
 

@@ -184,11 +184,11 @@ class Latencies:
         for start, end in pairwise(found.edges):
             part_ns, (first_ns, last_ns) = uplink_ns[start:end], arrivals_ns[[start, end - 1]]
             own_ns = [one_ns for at_ns, one_ns in reported if first_ns <= at_ns <= last_ns]
-            if len(own_ns) < REPORTS_MIN:
-                own_ns = [one_ns for _, one_ns in reported]
+            own_ns = own_ns or [one_ns for _, one_ns in reported]
             part_ns += float(np.median(own_ns) - np.median(part_ns))
             # 1.96 standard errors of the difference of two medians.
-            shares = 1.0 / self.measured["reported_uplink"].independent() + 1.0 / len(part_ns)
+            of_reports = min(self.measured["reported_uplink"].independent(), len(own_ns))
+            shares = 1.0 / of_reports + 1.0 / len(part_ns)
             errors_s.append(1.96 * 1.2533 * float(np.std(part_ns)) * math.sqrt(shares) / NS_PER_S)
         uplink_ns = np.maximum(uplink_ns, 0.0)
         for name in ("uplink", "downlink"):

@@ -43,7 +43,7 @@ _ROUND_ERRORS = 3.0
 class Uplink(NamedTuple):
     """How much later than the fastest sample each one came.
 
-    ``latency_ns``  shape (n,) [ns], the smallest is 0
+    ``latency_ns``  shape (n,) [ns], the smallest of each part is 0
     ``skipped``     samples that the plant seems to have skipped
     ``period_ns``   of the samples
     ``error_ns``    standard error of the period
@@ -60,7 +60,7 @@ class Uplink(NamedTuple):
 def relative_uplink(
     numbers: NumberArray, arrivals_ns: NumberArray, silences_ns: NumberArray
 ) -> Uplink:
-    """Return the uplink latency of samples, less that of the fastest.
+    """Return the uplink latency of samples, less that of the fastest of its part.
 
     Each argument has shape (n,), n at least 2, in order of arrival.
 

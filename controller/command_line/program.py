@@ -104,11 +104,12 @@ def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    language = read_edge_options(options)
     if options.check:
         if options.fail_if:
             raise SettingsError(f"--fail-if of --check: use {CHECK_NAME} --fail-if")
         return _check(NAME, options)
-    language, asked = read_edge_options(options), _settings(NAME, options)
+    asked = _settings(NAME, options)
     settings = on_bus(asked, takes_fd=bool(getattr(options, "fd", False) or options.key_file))
     if settings.law != asked.law:
         why = f"law {asked.law} needs CAN FD on controller and plant (--fd)"

@@ -185,7 +185,8 @@ class Authentication:
     def verify(self, frame: Frame) -> Frame | Refused:
         """The plain frame in an authentic new frame of a peer, or why that is refused.
 
-        Never raises. A refused frame changes nothing but which challenges we answer, see rule 4.
+        Never raises. A refused frame changes nothing but which challenges we answer, see rule 4,
+        and whether the peer's key is doubted.
         """
         peer = self._sender_of.get(frame.can_id)
         if peer is None or not is_secured(frame):

@@ -179,7 +179,7 @@ def _run(options: argparse.Namespace) -> int:
     takes_fd = getattr(options, "fd", False) or options.key_file or options.dialect
     if settings.path_ahead is not None and not takes_fd:
         raise SettingsError(
-            "[path_ahead]: PATH_AHEAD needs CAN FD: add --fd to both programs, or leave it out"
+            "[path_ahead]: PATH_AHEAD needs CAN FD: add --fd to both programs, or omit the table"
         )
     params = plant_motion_params(settings)
     # Without a trace nothing reads the samples.

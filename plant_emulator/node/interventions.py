@@ -33,8 +33,8 @@ def refuse_with_key(settings: PlantSettings, has_key: bool) -> None:
     """Raise SettingsError for a plant that is to accept what no key can prove."""
     if has_key and settings.interventions == "allow":
         raise SettingsError(
-            "--key-file: a plant with a key accepts no interventions; leave out"
-            " interventions = 'allow' (--interventions) or the key"
+            "--key-file: a plant with a key accepts no interventions; leave out the key, or"
+            " interventions = 'allow' of the plant (its --interventions)"
         )
 
 

@@ -82,11 +82,10 @@ def main(arguments: list[str]) -> None:
     """Print a row of each car."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=6)
-    options = parser.parse_args(arguments)
     spec = load_settings(Specification, None, SHIPPED / "road.toml")
-    for seed in range(options.count):
+    for seed in range(parser.parse_args(arguments).count):
         rows = zip(("preset", "designed", "path known", "mpc"), one_car(seed, spec), strict=True)
-        words = (f"{name} {' '.join(map('{:.2f}'.format, row))} m" for name, row in rows)
+        words = [f"{name} {' '.join(map('{:.2f}'.format, row))} m" for name, row in rows]
         sys.stdout.write(f"{seed}: {', '.join(words)}\n")
         sys.stdout.flush()
 

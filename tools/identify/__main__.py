@@ -194,7 +194,10 @@ def _read(
         return joined([read_columns(log, options.columns) for log in options.logs]), None
     if tables := [log for log in options.logs if is_table(log)]:
         other = next(log for log in options.logs if log not in tables)
-        raise SettingsError(f"{other}: is no table of time series, as {tables[0].name} is")
+        raise SettingsError(
+            f"{other}: is not a table of time series, but {tables[0].name} is: give tables alone,"
+            " or logs of the bus alone"
+        )
     try:
 
         def advance(file: str, share: float | None) -> None:

@@ -31,7 +31,7 @@ REFUSED = {
     "can response-times our.dbc --period LATENCY_CONFIG=0": "0.1 to 3600000",
     "check --preset x": "preset x: ",
     "check law.toml ''": "unrecognized arguments: ",
-    "controller --dialect none --key-file k --set x=1": "--dialect takes no --key-file",
+    "controller --check --dialect none --key-file k": "--dialect takes no --key-file",
     "cockpit --no-browser --rest-bus none.dbc": "rest_bus: none.dbc: No such file",
     "cockpit --no-browser --scenario none": "none",
     "cockpit --port 99999": "argument --port: allowed is 0 to 65535, not '99999'",

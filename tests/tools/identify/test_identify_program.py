@@ -104,7 +104,7 @@ def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
         (f"{__file__} --out early.toml", "is a file"),
         ("drive.csv --known early.toml", "needs mass_kg"),
         ("drive.csv --known named.toml", "mass_kg"),
-        ("drive.csv early.toml", "early.toml: is no table of time series, as drive.csv is"),
+        ("drive.csv early.toml", "early.toml: is not a table of time series, but drive.csv"),
         ("drive.csv --from 5 --to 2", "no sample between --from and --to"),
     ],
 )
