@@ -50,6 +50,11 @@ def read_edge_options(options: argparse.Namespace) -> BusLanguage:
     return read_language(options.dialect)
 
 
+def takes_fd(options: argparse.Namespace) -> bool:
+    """Return whether the bus is to carry CAN FD: by ``--fd``, and with a key."""
+    return bool(getattr(options, "fd", False) or options.key_file)
+
+
 def open_edge(
     end: End | None,
     known: Collection[type[Message]],

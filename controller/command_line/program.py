@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from ...dbc.bus_language import add_dialect_argument
-from ...dbc.edge import add_key_file_argument, open_edge, read_edge_options
+from ...dbc.edge import add_key_file_argument, open_edge, read_edge_options, takes_fd
 from ...dbc.messages import HandWheelState
 from ...runtime.command_line import add_json_argument, command_parser, offer, run_main, say
 from ...runtime.node import ReportingNode
@@ -110,7 +110,7 @@ def _run(options: argparse.Namespace) -> int:
             raise SettingsError(f"--fail-if of --check: use {CHECK_NAME} --fail-if")
         return _check(NAME, options)
     asked = _settings(NAME, options)
-    settings = on_bus(asked, takes_fd=bool(getattr(options, "fd", False) or options.key_file))
+    settings = on_bus(asked, takes_fd=takes_fd(options))
     if settings.law != asked.law:
         why = f"law {asked.law} needs CAN FD on controller and plant (--fd)"
         say(NAME, f"single commands, law {settings.law}: {why}", sys.stderr)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...dbc.bus_language import add_dialect_argument
-from ...dbc.edge import add_key_file_argument, open_edge, read_edge_options
+from ...dbc.edge import add_key_file_argument, open_edge, read_edge_options, takes_fd
 from ...runtime.command_line import output_file, run_main, say
 from ...runtime.exit_status import ExitStatus
 from ...runtime.node import ReportingNode
@@ -176,8 +176,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.check:
         print(check_text(settings), end="")
         return ExitStatus.OK
-    takes_fd = getattr(options, "fd", False) or options.key_file or options.dialect
-    if settings.path_ahead is not None and not takes_fd:
+    if settings.path_ahead is not None and not (options.dialect or takes_fd(options)):
         raise SettingsError(
             "[path_ahead]: PATH_AHEAD needs CAN FD: add --fd to both programs, or omit the table"
         )
