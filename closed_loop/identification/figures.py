@@ -26,8 +26,6 @@ Ends = tuple[float, float]
 _TRIALS = 8
 _NEAR = 0.1
 """Relative error of the rise that ends a search; a tenth of it is left to the cost."""
-
-
 _Tried = tuple[float, dict[str, float]]
 """How much more another car costs than the best, and its parameters."""
 
@@ -93,7 +91,8 @@ class Verdict(StrEnum):
 class Figure(NamedTuple):
     """A figure and its interval; an end is infinite where the log does not know it.
 
-    ``note``  with what in combination, or what to drive
+    ``note``      with what in combination, or what to drive
+    ``partners``  names of what it is combined with
     """
 
     name: str
@@ -103,6 +102,7 @@ class Figure(NamedTuple):
     high: float
     verdict: Verdict
     note: str = ""
+    partners: tuple[str, ...] = ()
 
 
 _SWEEP = "drive a sweep, 26 s at 60 km/h, the wheel from 0.2 to 3 Hz"
@@ -247,9 +247,9 @@ def _figure(found: Fit, kind: _Kind, value: float, ends: Ends, *, is_told: bool)
     is_factor = name in factors and "wheelbase_m" in {one.name for one in found.problem.assumed}
     if figure.verdict is Verdict.IDENTIFIED and is_told and not is_factor:
         return figure
-    partner = factors[name] if is_factor else _partner(found, kind, enough)
-    if partner:
-        return figure._replace(verdict=Verdict.COMBINATION, note=f"with {partner}")
+    if partners := (factors[name],) if is_factor else _partners(found, kind, enough):
+        note = f"with {', '.join(partners)}"
+        return figure._replace(verdict=Verdict.COMBINATION, note=note, partners=partners)
     return figure._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=advice)
 
 
@@ -364,7 +364,7 @@ def _slope(found: Fit, kind: _Kind) -> FloatArray:
     return slope
 
 
-def _partner(found: Fit, kind: _Kind, enough: float) -> str:
+def _partners(found: Fit, kind: _Kind, enough: float) -> tuple[str, ...]:
     """Return what, once known, would make a figure narrow enough; or nothing.
 
     That is one parameter, or else some of TOLD that do it together, of which none can be spared.
@@ -375,14 +375,14 @@ def _partner(found: Fit, kind: _Kind, enough: float) -> str:
     others = [one for one in names if one not in itself]
     best = min(others, key=lambda one: _half_knowing(found, slope, [one]))
     if _half_knowing(found, slope, [best]) < enough:
-        return user_name(found.problem, best)
+        return (user_name(found.problem, best),)
     known = [one for one in others if one in TOLD]
     if not known or _half_knowing(found, slope, known) >= enough:
-        return ""
+        return ()
     for one in tuple(known):
         fewer = [other for other in known if other != one]
         known = fewer if _half_knowing(found, slope, fewer) < enough else known
-    return ", ".join(user_name(found.problem, one) for one in known)
+    return tuple(user_name(found.problem, one) for one in known)
 
 
 def _half_knowing(found: Fit, slope: FloatArray, known: Sequence[str]) -> float:

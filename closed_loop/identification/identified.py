@@ -97,7 +97,7 @@ def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identifi
         )
     if found_all is not None:
         figures += [
-            one._replace(note="with the place of its sensor")
+            one._replace(note="with the place of its sensor", partners=())
             for one in figures_of(found_all, None)
             if one.name.startswith(Quantity.LATERAL_ACCELERATION) and one.name.endswith("delay_s")
         ]

@@ -227,8 +227,7 @@ def _advice(margin: DelayMargin | None, found: Identification) -> list[str]:
     if margin.share > 0.5:
         how = _MEASURED.get(margin.narrows, "drive more of it")
         lines.append(f"most of that interval comes from {margin.narrows}: {how}")
-    notes = [one.note for one in found.figures if one.verdict is Verdict.COMBINATION]
-    lacking = {partner for note in notes for partner in note.removeprefix("with ").split(", ")}
+    lacking = {partner for one in found.figures for partner in one.partners}
     if tell := ", ".join(text for name, text in _TOLD.items() if name in lacking):
         lines.append(f"next: tell by --known, as far as it is known: {tell}")
     wanted = {one.note for one in found.figures if one.verdict is Verdict.NOT_IDENTIFIABLE}
