@@ -327,6 +327,7 @@ def test_a_lost_car_is_put_back_and_its_round_does_not_count(browser: Browser, l
     key(browser, "keyUp", "ArrowLeft")
     browser.wait_for("document.getElementById('score').textContent === 'The car is ready'")
     browser.wait_for(f"{light('Steering')} === 'NO COMMAND'")  # it is sent none
+    browser.wait_for(f"!cockpit.lost[0] && Math.abs({value_of('lateral_error_m')}) < 0.01")
     in_order(browser, live)
 
 
