@@ -14,7 +14,7 @@ cycle earlier than in the analysis.
 import sys
 from collections.abc import Iterator
 from itertools import count, islice, pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,10 +23,10 @@ from steer_by_wire.closed_loop.compiled.hand_wheel import Wheel
 from steer_by_wire.closed_loop.pair.with_hand_wheel import with_hand_wheel
 from steer_by_wire.closed_loop.scripting import feedback
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.hand_wheel.analysis.nominal_road import RoadVehicle
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 
 SEED = 61
 FACTORS = (0.98, 1.02)
@@ -59,10 +59,6 @@ class Loop(NamedTuple):
     down: int
     up: int
     sensor_n_m_rad: float = 0.0
-
-    @property
-    def vehicle(self) -> VehicleParams:
-        return VehicleParams(self.speed_m_s, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
 
 
 def drawn(number: int) -> Loop:
@@ -106,9 +102,7 @@ def boundary_n_m(loop: Loop) -> float | None:
 def drawn_with_boundary(first: int = 0) -> Iterator[tuple[int, Loop, float]]:
     """Yield drawn loops that have a boundary, each with its number."""
     for number in count(first):
-        loop = drawn(number)
-        gradient = boundary_n_m(loop)
-        if gradient is not None:
+        if (gradient := boundary_n_m(loop := drawn(number))) is not None:
             yield number, loop, gradient
 
 
@@ -116,8 +110,7 @@ def settings_of(
     loop: Loop, gradient_n_m: float, kick_n_m: float = 1.5, friction_n_m: float = 0.0
 ) -> tuple[PlantSettings, HandWheelSettings]:
     """Return the settings of both nodes; the driver kicks the wheel once."""
-    vehicle: dict[str, Any] = loop.vehicle._asdict()
-    del vehicle["preview_distance_m"]
+    vehicle = RoadVehicle(loop.speed_m_s, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55)._asdict()
     cycle_s = loop.cycle_ms / 1e3
     # A torque sensor swings fast, and a swing below a step of the signals is not felt.
     short = 4.0 if loop.sensor_n_m_rad else 1.0

@@ -15,6 +15,13 @@ from rich.table import Table
 
 from steer_by_wire.closed_loop.reports.terminal import plain_table
 from steer_by_wire.dbc.foreign_messages import read_message_set
+from steer_by_wire.runtime.bus_model.response_times import (
+    Traffic,
+    load,
+    traffic_of,
+    wire_of,
+    worst_response_ns,
+)
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
     add_subcommand,
@@ -25,13 +32,10 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.frame import EXTENDED, Frame
-from steer_by_wire.runtime.frame.frame import arbitration_field
-from steer_by_wire.runtime.frame.length_with_stuff_bits import most_frame_bits
-from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.runtime.program.bus_options import bit_rate, data_bit_rate
 from steer_by_wire.runtime.program.report import show_or_write
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.tools.can.response_time_bounds import Traffic, load, wire_of, worst_response_ns
 
 NAME = "steer-by-wire can"
 RESPONSE_TIMES = f"{NAME} response-times"
@@ -135,7 +139,10 @@ def _messages(
             no_cycle.append(message.name)
         else:
             frame = Frame(message.can_id, bytes(message.length), message.flags)
-            sent.append((_traffic(message.name, frame, period_ms, options), frame))
+            rates = options.bitrate, options.data_bitrate
+            traffic = traffic_of(message.name, frame, round(period_ms * NS_PER_MS), *rates)
+            jitter_ns = round(options.jitter_ms * NS_PER_MS)
+            sent.append((traffic._replace(jitter_ns=jitter_ns), frame))
     sent.sort(key=lambda one: one[0].priority)
     for (one, frame), (other, _) in pairwise(sent):
         if one.priority == other.priority:
@@ -160,15 +167,6 @@ def _periods_ms(periods: Sequence[str], names: set[str]) -> dict[str, float]:
                 f" {PERIOD_MS_MAX} ms"
             )
     return given
-
-
-def _traffic(name: str, frame: Frame, period_ms: float, options: argparse.Namespace) -> Traffic:
-    """Return a message with the longest that any payload can be, rounded up."""
-    nominal, data = options.bitrate, options.data_bitrate
-    bits = most_frame_bits(frame)
-    frame_ns = -(-NS_PER_S * (bits.nominal * data + bits.data * nominal) // (nominal * data))
-    period_ns, jitter_ns = round(period_ms * NS_PER_MS), round(options.jitter_ms * NS_PER_MS)
-    return Traffic(name, arbitration_field(frame), frame_ns, period_ns, jitter_ns)
 
 
 def _table(responses: Sequence[Response], bitrate_bit_s: int) -> Table:

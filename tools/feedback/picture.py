@@ -8,9 +8,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from steer_by_wire.closed_loop.reports.plot_style import plot_style, png_of
+from steer_by_wire.dbc.messages import (
+    ACTIVE_CYCLE_TIMES_MS,
+    CAN_IDS,
+    CYCLE_TIMES_MS,
+    HandWheelFeedback,
+    HandWheelState,
+    HandWheelStatus,
+    Message,
+    SteeringForce,
+)
+from steer_by_wire.hand_wheel.wheel import GRIPS
+from steer_by_wire.runtime.bus_model.response_times import traffic_of, wire_of, worst_response_ns
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.tools.feedback.frontier import Point
 
-FIRST_MS_MIN = 1.0
+FIRST_MS_MIN = 0.3
 """Of the logarithmic axis; what is unstable without a delay lies below it."""
 FELT_LATE_MS = {
     45.0: "sight against touch",
@@ -20,41 +34,84 @@ FELT_LATE_MS = {
 """As the literature has it (Smith and Kaplan 1970 for the last); none is of a steer-by-wire."""
 REAL_BUS_MS = 20.0
 """A cycle of 10 ms each way."""
+BITRATE_BIT_S = 500_000
+_THERE_AND_BACK: tuple[type[Message], ...] = (HandWheelState, SteeringForce)
+Curve = tuple[float, str, float, float]
+"""Speed [km/h], grip, torque gradient [N m/rad] and first unstable round trip [s] of a point."""
 
 
-def draw(
-    models: Iterable[Iterable[tuple[float, str, float, float]]], cycle_s: float, title: str
-) -> bytes:
+def both_ways_ms(cycle_s: float) -> tuple[float, float | None]:
+    """Return what HAND_WHEEL_STATE and STEERING_FORCE take together on a bus of their own nodes.
+
+    First their frames, then how long both wait for the others at most, None without a bound.
+    """
+    periods_ms: dict[type[Message], float] = {k: ms for k, ms in CYCLE_TIMES_MS.items() if ms}
+    periods_ms |= {k: ACTIVE_CYCLE_TIMES_MS[k] for k in (HandWheelFeedback, HandWheelStatus)}
+    periods_ms |= dict.fromkeys(_THERE_AND_BACK, 1e3 * cycle_s)
+    wire, traffic = wire_of(BITRATE_BIT_S), {}
+    for kind, period_ms in periods_ms.items():
+        frame, period_ns = Frame(CAN_IDS[kind], bytes(8)), round(period_ms * NS_PER_MS)
+        traffic[kind] = traffic_of(kind.__name__, frame, period_ns, BITRATE_BIT_S, BITRATE_BIT_S)
+    both = [traffic[kind] for kind in _THERE_AND_BACK]
+    frames_ns = sum(message.frame_ns for message in both)
+    bounds_ns = [worst_response_ns(message, [*traffic.values()], wire) for message in both]
+    known_ns = [bound_ns for bound_ns in bounds_ns if bound_ns is not None]
+    waiting_ms = (sum(known_ns) - frames_ns) / NS_PER_MS if len(known_ns) == len(both) else None
+    return frames_ns / NS_PER_MS, waiting_ms
+
+
+def draw(models: Sequence[Sequence[Curve]], cycle_s: float, title: str) -> bytes:
     """Return a PNG with a panel for each speed and a curve for each grip.
 
-    ``models``  speed [km/h], grip, torque gradient [N m/rad], first unstable round trip [s]: with
-                tyres that follow at once and, dashed, with tyres that lag
+    ``models``  with tyres that follow at once and, dashed, with tyres that lag
     """
-    by_model = [groupby(sorted(rows), lambda row: row[0]) for rows in models]
-    by_speed = [[(speed, list(rows)) for speed, rows in each] for each in by_model]
+    speeds_km_h = sorted({speed for speed, *_ in models[0]})
     with plot_style():
-        figure = Figure(figsize=(4.0 * len(by_speed[0]), 4.0))
-        panels = figure.subplots(1, len(by_speed[0]), sharey=True, squeeze=False)[0]
-        for axes, *drawn in zip(panels, *by_speed, strict=True):
-            speed_km_h = drawn[0][0]
-            for (_, rows), dash in zip(drawn, ("-", "--"), strict=False):
-                curves = groupby(rows, lambda row: row[1])
-                for number, (grip, curve) in enumerate(curves):
-                    points = [(row[2], max(1e3 * row[3], 0.1)) for row in curve]
-                    label = grip.replace("_", " ") if dash == "-" else None
-                    line = f"C{number}{dash}"
-                    axes.plot(*zip(*points, strict=True), line, label=label)
-            axes.axhline(2e3 * cycle_s, color="0.5", linewidth=1.0)
+        figure = Figure(figsize=(4.0 * len(speeds_km_h), 4.4))
+        panels = figure.subplots(1, len(speeds_km_h), sharey=True, squeeze=False)[0]
+        for axes, speed_km_h in zip(panels, speeds_km_h, strict=True):
+            for rows, dash in zip(models, ("-", "--"), strict=False):
+                for number, grip in enumerate(GRIPS):
+                    curve = [row[2:] for row in rows if row[:2] == (speed_km_h, grip)]
+                    gradients, firsts_s = zip(*curve, strict=True)
+                    firsts_ms = [max(1e3 * first_s, 0.1) for first_s in firsts_s]
+                    axes.plot(gradients, firsts_ms, f"C{number}{dash}")
             axes.set(
                 title=f"{title}, {speed_km_h:g} km/h", xscale="log", yscale="log",
                 xlabel="torque gradient [N m/rad]", ylim=(FIRST_MS_MIN, None),
             )  # fmt: skip
-            axes.annotate("a cycle each way", (1.0, 2.1e3 * cycle_s), color="0.4", fontsize=8)
-        if len(by_speed) > 1:
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_major_formatter("{x:g}")
+        shaking = {grip for _, grip, _, first_s in models[0] if isfinite(first_s)}
+        for number, grip in enumerate(GRIPS):
+            label = grip.replace("_", " ") + ("" if grip in shaking else ": never")
+            panels[-1].plot([], [], f"C{number}-", label=label)
+        if len(models) > 1:
             panels[-1].plot([], [], "k--", label="tyres that lag")
+        _mark_bus(panels, cycle_s)
         panels[0].set_ylabel("first unstable round trip [ms]")
-        panels[-1].legend(loc="upper right", ncols=2, fontsize=8)
+        figure.legend(loc="outside lower center", ncols=5, fontsize=8)
     return png_of(figure)
+
+
+def _mark_bus(panels: Iterable[Axes], cycle_s: float) -> None:
+    """Mark what the bus takes of a round trip: frames, cycles, and the jitter by waiting."""
+    cycles_ms, (frames_ms, waiting_ms) = 2e3 * cycle_s, both_ways_ms(cycle_s)
+    frames = f"two frames at\n{BITRATE_BIT_S / 1000:g} kbit/s: {frames_ms:.2f} ms"
+    cycles = f"a cycle each way:\n{cycles_ms:g} ms"
+    marks = [(frames_ms, frames, "top"), (cycles_ms, cycles, "top")]
+    if waiting_ms is None:
+        marks[1] = cycles_ms, f"{cycles}, too short\nfor this bus", "bottom"
+    else:
+        words = f"jitter: both frames\nwait for others,\nup to {waiting_ms:.1f} ms more"
+        marks.append((cycles_ms + waiting_ms, words, "bottom"))
+    for axes in panels:
+        axes.axhspan(cycles_ms, marks[-1][0], color="0.5", alpha=0.2)
+        for at_ms, _, _ in marks:
+            axes.axhline(at_ms, color="0.5", linewidth=1.0)
+    for at_ms, words, va in marks:
+        margin = axes.get_yaxis_transform()
+        axes.text(1.02, at_ms, words, va=va, transform=margin, color="0.3", fontsize=8)
 
 
 def draw_frontier(models: Sequence[Iterable[Point]], title: str) -> bytes:

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from heapq import merge
 
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.bus_model.response_times import Traffic
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.tools.can.response_time_bounds import Traffic
 
 Release = tuple[int, int, int]
 """When a frame is handed to the bus, and was due [ns], and the index of its message."""

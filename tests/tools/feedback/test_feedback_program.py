@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.tools.feedback.__main__ import main
+from steer_by_wire.tools.feedback.picture import both_ways_ms
 
 ONE_LOOP = ("--torque-gradients", "6", "--speeds-km-h", "80")
 
@@ -41,6 +42,12 @@ def test_the_table_and_the_picture_show_both_kinds_of_tyres(
     assert main([*of_car, "--json", str(both)]) == 0
     known = json.loads(both.read_text())
     assert known["loops_with_tyre_lag"] != known["loops"]
+
+
+def test_the_picture_marks_how_long_both_frames_wait() -> None:
+    # With its gap a frame takes 0.27 ms: STEERING_FORCE waits for 4, HAND_WHEEL_STATE for 6.
+    assert both_ways_ms(0.01) == pytest.approx((2 * 0.264, 10 * 0.27), abs=1e-5)
+    assert both_ways_ms(0.0005)[1] is None
 
 
 def test_its_page_shows_what_it_prints(capsys: pytest.CaptureFixture[str]) -> None:

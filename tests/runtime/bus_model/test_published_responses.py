@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
+from steer_by_wire.runtime.bus_model.response_times import Traffic, Wire, wire_of, worst_response_ns
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
-from steer_by_wire.tools.can.response_time_bounds import Traffic, Wire, wire_of, worst_response_ns
 from tests.support.wire.simulated_responses import critical_response_ns
 
 PUBLISHED = tomllib.loads(

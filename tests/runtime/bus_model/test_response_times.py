@@ -16,15 +16,15 @@ from response_time_analysis.model import (
 )
 
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
-from steer_by_wire.tools.can.response_time_bounds import (
+from steer_by_wire.runtime.bus_model.response_times import (
     Traffic,
     Wire,
     load,
     wire_of,
     worst_response_ns,
 )
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from tests.support.wire.simulated_responses import critical_response_ns
 
 BITRATE_BIT_S = 500_000

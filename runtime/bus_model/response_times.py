@@ -18,6 +18,10 @@ be and still meet the same arbitration: a bit time on a real bus, 1 ns in this p
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ..frame import Frame
+from ..frame.frame import arbitration_field
+from ..frame.length_with_stuff_bits import most_frame_bits
+
 
 class Traffic(NamedTuple):
     """One message that is sent again and again.
@@ -50,6 +54,15 @@ def wire_of(bitrate_bit_s: int) -> Wire:
     """Return a bus of a nominal bit rate [bit/s], whose granularity is a bit time."""
     bit_ns = -(-1_000_000_000 // bitrate_bit_s)
     return Wire(3 * bit_ns, bit_ns)
+
+
+def traffic_of(
+    name: str, frame: Frame, period_ns: int, bitrate_bit_s: int, data_bitrate_bit_s: int
+) -> Traffic:
+    """Return a message with the longest that any payload can be, rounded up."""
+    bits, nominal, data = most_frame_bits(frame), bitrate_bit_s, data_bitrate_bit_s
+    frame_ns = -(-1_000_000_000 * (bits.nominal * data + bits.data * nominal) // (nominal * data))
+    return Traffic(name, arbitration_field(frame), frame_ns, period_ns)
 
 
 def load(messages: Sequence[Traffic], wire: Wire) -> float:
