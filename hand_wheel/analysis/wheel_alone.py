@@ -16,10 +16,12 @@ too, for τ ≤ b/K (J. E. Colgate and G. Schenkel, Passivity of a class of samp
 Journal of Robotic Systems 14(1), 1997, without their half period of the hold).
 """
 
-from math import atan2, isfinite, pi, sqrt
+from math import atan2, pi, sqrt
 from typing import NamedTuple
 
-from ...runtime.settings import SettingsError
+from pydantic import Field
+
+from ...runtime.settings import Settings
 
 
 class FeedbackStability(NamedTuple):
@@ -35,30 +37,34 @@ class FeedbackStability(NamedTuple):
     shakes_at_hz: float
 
 
+class LateSpring(Settings):
+    """The wheel, in ranges that no real one leaves."""
+
+    inertia_kg_m2: float = Field(ge=1e-6, le=1e6)
+    damping_n_m_s: float = Field(ge=0.0, le=1e6)
+    stiffness_n_m: float = Field(ge=1e-6, le=1e6)
+
+
 def feedback_stability(
     *, inertia_kg_m2: float, damping_n_m_s: float, stiffness_n_m: float
 ) -> FeedbackStability:
     """Return the round trips that a wheel with a delayed spring bears, exactly.
 
-    Raises SettingsError where inertia or stiffness is not positive, or the damping is negative.
+    Raises SettingsError for a value that is not in the range of LateSpring.
 
     >>> stability = feedback_stability(inertia_kg_m2=0.04, damping_n_m_s=0.2, stiffness_n_m=2.0)
     >>> f"{stability.stable_delay_s:.3f} s, passive to {stability.passive_delay_s:.3f} s"
     '0.108 s, passive to 0.100 s'
     """
-    for name, value, may_be_zero in (
-        ("inertia_kg_m2", inertia_kg_m2, False),
-        ("damping_n_m_s", damping_n_m_s, True),
-        ("stiffness_n_m", stiffness_n_m, False),
-    ):
-        if not isfinite(value) or value < 0.0 or (value == 0.0 and not may_be_zero):
-            least = "0 or more" if may_be_zero else "more than 0"
-            raise SettingsError(f"{name} = {value!r} must be a finite number, {least}")
+    wheel = LateSpring(
+        inertia_kg_m2=inertia_kg_m2, damping_n_m_s=damping_n_m_s, stiffness_n_m=stiffness_n_m
+    )
+    inertia, damping, stiffness = wheel.inertia_kg_m2, wheel.damping_n_m_s, wheel.stiffness_n_m
     # ω² as a quotient, which loses no digits where b² is much larger than J K.
-    squared = damping_n_m_s * damping_n_m_s
-    root = sqrt(squared * squared + (2.0 * inertia_kg_m2 * stiffness_n_m) ** 2)
-    omega_rad_s = stiffness_n_m * sqrt(2.0 / (root + squared))
-    margin_rad = atan2(damping_n_m_s, omega_rad_s * inertia_kg_m2)
+    squared = damping * damping
+    root = sqrt(squared * squared + (2.0 * inertia * stiffness) ** 2)
+    omega_rad_s = stiffness * sqrt(2.0 / (root + squared))
+    margin_rad = atan2(damping, omega_rad_s * inertia)
     return FeedbackStability(
-        margin_rad / omega_rad_s, damping_n_m_s / stiffness_n_m, omega_rad_s / (2.0 * pi)
+        margin_rad / omega_rad_s, damping / stiffness, omega_rad_s / (2.0 * pi)
     )
