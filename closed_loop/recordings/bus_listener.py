@@ -20,6 +20,8 @@ from ...runtime.frame import ERROR, Frame
 
 RULE = CounterRule(lead_ns=HALF * PERIOD_NS_MIN, resync_run=20)
 """Accept whatever is newer, and a restart of the sender after 20 rejected counters in a row."""
+_SURE = 20
+"""Frames after which their period tells whether a silence hides whole turns of their counter."""
 FOREIGN_IDS_MAX = 1000
 """How many foreign identifiers are counted separately."""
 
@@ -95,7 +97,9 @@ class BusListener:
             for kind, name in NAMES.items()
             if kind in messages.DATA_IDS and kind not in messages.NUMBERED_WITH
         }  # others are sent by hand, so it has no counter, or are of another's sequence
-        self._accepted = Counter[str]()
+        self._heard: dict[str, tuple[int, int, int]] = {}
+        """When a sequence began, when its newest frame came [ns], and how many it has."""
+        self._lost, self._accepted = Counter[str](), Counter[str]()
         self._late = Counter[str]()
         self._refused = {name: Counter[str]() for name in messages.MESSAGE_TYPES}
         self.foreign = Counter[int]()
@@ -118,10 +122,10 @@ class BusListener:
         """
         if (of_car := self.listening.counts(name)) is not None:
             return of_car
-        check = self._checks.get(name)
+        lost = self._checks[name].lost if name in self._checks else 0
         return MessageCounts(
             self._accepted[name],
-            0 if check is None else check.lost,
+            self._lost[name] + lost,
             self._late[name],
             dict(sorted(self._refused[name].items())),
         )
@@ -131,16 +135,17 @@ class BusListener:
         heard = self.listening.hear(frame, now_ns)
         if heard.is_foreign:
             self._count_foreign(frame.can_id)
-        received = map(self._take_ours, heard.ours)
+        received = (self._take_ours(one, now_ns) for one in heard.ours)
         return Taken([one for one in received if one is not None], heard.name)
 
-    def _take_ours(self, frame: Frame) -> ReceivedMessage | None:
+    def _take_ours(self, frame: Frame, now_ns: int) -> ReceivedMessage | None:
         decoded = messages.decode(plain(frame))
         if isinstance(decoded, messages.Decoded):
             message, counter = decoded
             kind = type(message)
             name = NAMES[kind]
-            result = self._in_sequence(NAMES[messages.NUMBERED_WITH.get(kind, kind)], counter)
+            numbered = NAMES[messages.NUMBERED_WITH.get(kind, kind)]
+            result = self._in_sequence(numbered, counter, now_ns)
             if result is CounterResult.ACCEPTED:
                 self._accepted[name] += 1
                 if isinstance(message, messages.LateralError):
@@ -163,6 +168,18 @@ class BusListener:
         if can_id in self.foreign or len(self.foreign) < FOREIGN_IDS_MAX:
             self.foreign[can_id] += 1
 
-    def _in_sequence(self, name: str, counter: int) -> CounterResult:
+    def _in_sequence(self, name: str, counter: int, now_ns: int) -> CounterResult:
         check = self._checks.get(name)
-        return CounterResult.ACCEPTED if check is None else check.check(counter)
+        if check is None:
+            return CounterResult.ACCEPTED
+        since_ns, newest_ns, frames = self._heard.get(name, (now_ns, now_ns, 0))
+        passed = frames + check.lost
+        if frames > _SURE and 0 < HALF * (newest_ns - since_ns) < passed * (now_ns - newest_ns):
+            # The counter may have gone through whole turns: any is newer, and skips none.
+            self._lost[name] += check.lost
+            check = self._checks[name] = CounterCheck(RULE)
+            since_ns, frames = now_ns, 0
+        result = check.check(counter)
+        if result is CounterResult.ACCEPTED:
+            self._heard[name] = since_ns, now_ns, frames + 1
+        return result

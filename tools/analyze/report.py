@@ -159,7 +159,10 @@ def _refused(figures: Mapping[str, Any]) -> Section:
         ("times that run backwards", str(figures["times_backwards"])),
     ]
     heads = ("", "missing counters", "of them late", "refused, by cause")
-    return Section("Lost and refused", tables=(Table(heads, rows), _pairs(facts)))
+    unknown = (
+        "What a silence of 128 cycles or more hides is not counted: a sender may restart in it."
+    )
+    return Section("Lost and refused", tables=(Table(heads, rows), _pairs(facts)), notes=(unknown,))
 
 
 def _sensor_period(latency: Mapping[str, Any]) -> str:
