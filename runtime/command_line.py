@@ -94,10 +94,12 @@ def _first_line(doc: str | None) -> str:
     return (doc or "").partition("\n")[0]
 
 
-def add_out_argument(parser: argparse.ArgumentParser, default: str, what: str = "") -> None:
-    """Add ``--out``, the folder for results; ``what`` is its help without the default."""
-    help_text = f"{what} (default: %(default)s)" if what else "default: %(default)s"
-    parser.add_argument("--out", type=Path, default=Path(default), metavar="DIR", help=help_text)
+def add_out_argument(
+    parser: argparse.ArgumentParser, default: str | None, what: str = "folder for the results"
+) -> None:
+    """Add ``--out``; ``what`` is its help without the default."""
+    help_text = f"{what} (default: %(default)s)" if default else what
+    parser.add_argument("--out", type=_folder, default=default, metavar="DIR", help=help_text)
 
 
 def add_json_argument(parser: argparse.ArgumentParser, *, shows: bool = True) -> None:
@@ -173,6 +175,12 @@ def shell_words(text: str) -> list[str]:
         return shlex.split(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text[:60]!r}: {error}") from error
+
+
+def _folder(text: str) -> Path:
+    if not text or os.path.isfile(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is no folder: give the name of one")
+    return Path(text)
 
 
 def output_file(text: str) -> Path:

@@ -26,7 +26,6 @@ import numpy as np
 from ...plant_emulator.evaluation.run_verdict import RUN_ENDS
 from ...runtime.input_file import read_bytes
 from ...runtime.output_file import write_text
-from ...runtime.program.output_folder import refuse_another_run
 from ...runtime.settings import SettingsError
 from .compiled_figures import COUNTS, HAND_WHEEL_VERDICT, verdicts
 from .compiled_runs import Computed
@@ -72,7 +71,6 @@ class Store:
 
         ``text``  of the study file, kept with the results
         """
-        refuse_another_run(self.folder, {})
         record = self.scenarios.study.record
         file = self.folder / STUDY
         if file.exists():

@@ -7,13 +7,11 @@ from ..settings import SettingsError
 
 
 def refuse_another_run(folder: Path, wanted: Mapping[str, str | None]) -> None:
-    """Refuse an ``--out`` that is a file, or has another run; raises SettingsError.
+    """Refuse an ``--out`` that has another run; raises SettingsError.
 
     ``wanted``  the files that say what the results are of, by name: the text of each, None where
                 this run has no such file
     """
-    if folder.exists() and not folder.is_dir():
-        raise SettingsError(f"--out {folder} is a file: give the name of a folder")
     for name, text in wanted.items():
         file = folder / name
         if file.exists() and (

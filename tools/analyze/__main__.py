@@ -198,7 +198,6 @@ def _log(text: str) -> Path:
 def _run(options: argparse.Namespace) -> int:
     logs = [options.files] if options.join else [[path] for path in options.files]
     results, mistakes = [], []
-    refuse_another_run(options.out, {})
     with progress_bars(Console(stderr=True)) as bars:
         bar = bars.add_task("", total=1.0)
 

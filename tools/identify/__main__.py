@@ -61,7 +61,6 @@ from steer_by_wire.runtime.command_line import (
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
-from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import json_text
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 
@@ -119,7 +118,6 @@ def _run(options: argparse.Namespace) -> int:
             raise SettingsError("new: name a LOG whose columns are to be mapped")
         print("".join(map(proposed_mapping, options.logs[1:])), end="")
         return ExitStatus.OK
-    refuse_another_run(options.out, {})
     with counting_bars(plain_console(is_error=True)) as bars:
         progress = _Progress(bars)
         try:

@@ -24,7 +24,6 @@ from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_cons
 from steer_by_wire.runtime.command_line import add_out_argument, command_parser, run_main
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.output_file import write_text
-from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.paper.index_page import index_page
 from steer_by_wire.tools.paper.result import Reproduction, write_reproduction
@@ -73,7 +72,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _reproduce(options: argparse.Namespace) -> int:
     console = plain_console()
     keys = selected(options.figure, options.table)
-    refuse_another_run(options.out, {})
     options.out.mkdir(parents=True, exist_ok=True)
     reproduce_all(keys, options.out, console)
     return ExitStatus.OK

@@ -47,6 +47,7 @@ from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicl
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
+    add_out_argument,
     command_parser,
     offer,
     run_main,
@@ -194,7 +195,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     bus.add_argument("--ideal-wire", action="store_true", help="frames take no time on the bus")
     add_traffic_arguments(parser)
     add_error_argument(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
+    add_out_argument(parser, None, "folder for the run's files")
     add_json_argument(parser)
     add_fail_if_argument(parser, QUANTITIES)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))

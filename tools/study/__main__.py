@@ -18,7 +18,12 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from steer_by_wire.runtime.command_line import command_parser, run_main, whole_number
+from steer_by_wire.runtime.command_line import (
+    add_out_argument,
+    command_parser,
+    run_main,
+    whole_number,
+)
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.settings import SettingsError, preset_names, read_table
@@ -43,9 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--report", type=Path, metavar="DIR",
         help="write the report of stored results again, and end",
     )  # fmt: skip
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for the results (default: out/study/NAME)"
-    )
+    add_out_argument(parser, None, "folder for the results (default: out/study/NAME)")
     parser.add_argument(
         "--dry-run", action="store_true", help="print the size of the study, and end"
     )

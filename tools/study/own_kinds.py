@@ -14,7 +14,6 @@ from ...closed_loop.reports.plot_style import png_of
 from ...closed_loop.reports.terminal import plain_console
 from ...runtime.exit_status import ExitStatus
 from ...runtime.output_file import write_file, write_text
-from ...runtime.program.output_folder import refuse_another_run
 from ...runtime.settings import SettingsError
 
 
@@ -31,7 +30,6 @@ def run_own_kind(kind: str, options: argparse.Namespace) -> int:
     if options.replay is not None or options.scheduler:
         raise SettingsError(f"{options.study}: {kind} has neither --replay nor --scheduler")
     folder = options.out or Path("out/study") / kind
-    refuse_another_run(folder, {})
     own = importlib.import_module(f"{__package__}.{kind}")
     settings, size = own.read(options.study)
     print_line = plain_console().print

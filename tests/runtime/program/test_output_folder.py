@@ -15,5 +15,3 @@ def test_a_folder_of_another_run_is_refused_and_one_of_this_run_is_not(tmp_path:
     for text in ("seed = 2\n", None):
         with pytest.raises(SettingsError, match=r"another run, whose plant\.toml differs: give an"):
             refuse_another_run(tmp_path, {"plant.toml": text})
-    with pytest.raises(SettingsError, match=r"plant\.toml is a file: give the name of a folder"):
-        refuse_another_run(tmp_path / "plant.toml", {})
