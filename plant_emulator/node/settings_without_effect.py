@@ -7,6 +7,7 @@ does one whose path the vehicle never reaches.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
+from ..network.latency_distributions import Distribution
 from ..network.settings import LatencySettings
 from ..path.drivability import undrivable
 from ..path.path import Path
@@ -71,12 +72,13 @@ def _spreads(settings: PlantSettings) -> Iterator[str]:
     for way in ("downlink", "uplink"):
         latency: LatencySettings = getattr(settings.latency, way)
         if never_varies(latency):
-            yield f"latency.{way}.spread_s never acted: {latency.model} needs a mean_s too"
+            lacks = "mean_s" if latency.spread_s else "spread_s"
+            yield f"latency.{way} never varied: model {latency.model} needs a {lacks} too"
 
 
 def never_varies(latency: LatencySettings) -> bool:
-    """Return whether the latency has a spread, and yet is always the same."""
-    if latency.has_trace or latency.schedule or not latency.spread_s:
+    """Return whether the latency has a model that varies, and yet is always the same."""
+    if latency.has_trace or latency.schedule or latency.model is Distribution.CONSTANT:
         return False
     low_s, high_s = (latency.quantile(u, latency.mean_s, latency.spread_s) for u in (0.01, 0.99))
     return low_s == high_s

@@ -46,7 +46,7 @@ Address = Path | TcpAddress
 def parse_address(text: str) -> Address:
     """Read ``PATH`` or ``HOST:PORT``; raises AddressError for a host that is not the loopback."""
     host, colon, port = text.rpartition(":")
-    if not colon or "/" in text or not port.isdecimal() or len(port) > _PORT_DIGITS_MAX:
+    if not colon or "/" in text or len(port) > _PORT_DIGITS_MAX:
         if not hasattr(socket, "AF_UNIX"):
             raise AddressError(f"no Unix sockets here, give 127.0.0.1:PORT instead of {text!r}")
         return Path(text)
@@ -55,7 +55,7 @@ def parse_address(text: str) -> Address:
         is_loopback = ipaddress.IPv4Address(host).is_loopback
     except ValueError:
         is_loopback = False
-    if not is_loopback or int(port) > 65535:
+    if not (is_loopback and port.isdecimal() and int(port) <= 65535):
         raise AddressError(f"an address is PATH or 127.0.0.1:PORT, not {text!r}")
     return TcpAddress(host, int(port))
 

@@ -99,7 +99,7 @@ def load_program_settings(
     ``overrides``  further ``table.key=value``, on top of those of ``--set``
     ``context``    for validators, as that of ``load_settings``
     """
-    preset = read_preset(preset_package, options.preset) if options.preset else None
+    preset = None if options.preset is None else read_preset(preset_package, options.preset)
     own = [*options.overrides, *overrides]
     return load_settings(model, preset, options.settings, own, shared, context)
 

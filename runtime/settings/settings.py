@@ -21,6 +21,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from itertools import takewhile
+from os.path import isfile
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
@@ -114,7 +115,12 @@ def read_preset(package: str, name: str) -> Preset:
     """Return the preset ``name`` of ``package``; raises SettingsError that lists all presets."""
     names = preset_names(package)
     if name not in names:
-        raise SettingsError(f"preset {name}: there is none of this name ({hint(name, names)})")
+        nodes = resources.files(package.partition(".")[0]).iterdir()
+        owners = [node.name for node in nodes if isfile(f"{node}/presets/{name}.toml")]
+        has_it = f"the {owners[0].replace('_', ' ')} has it; " if owners else ""
+        raise SettingsError(
+            f"preset {name}: there is none of this name ({has_it}{hint(name, names)})"
+        )
     file = resources.files(package) / f"{name}.toml"
     return Preset(name, file.read_text(encoding="utf-8"))
 

@@ -94,11 +94,13 @@ def test_a_path_that_bends_more_than_the_steering_allows_is_said() -> None:
 
 
 @pytest.mark.parametrize("model", ["gamma", "lognormal"])
-def test_a_spread_around_no_mean_is_said(model: str) -> None:
-    spread = (f'latency.downlink.model="{model}"', "latency.downlink.spread_s=0.02")
-    (line,) = warnings_of(*spread)
-    assert line.startswith("latency.downlink.spread_s never acted")
-    assert warnings_of(*spread, "latency.downlink.mean_s=0.05") == []
+def test_a_spread_around_no_mean_and_a_model_without_one_are_said(model: str) -> None:
+    chosen, mean, spread = (
+        f"latency.downlink.{x}" for x in (f"model={model}", "mean_s=1", "spread_s=1")
+    )
+    assert warnings_of(chosen, spread)[0].endswith(f"varied: model {model} needs a mean_s too")
+    assert warnings_of(chosen, mean)[0].endswith(f"varied: model {model} needs a spread_s too")
+    assert warnings_of(chosen, mean, spread) == []
 
 
 @pytest.mark.parametrize("given", [{"jitter_s": 0.02}, {"latencies": []}])
