@@ -25,7 +25,9 @@ alternating direction method of multipliers (Boyd et al., Foundations and Trends
 
     U ← (H + σ CᵀC)⁻¹ (H U* + σ Cᵀ (w - v)),   w ← clip(C U + v),   v ← v + C U - w
 
-As many iterations every time; none, and U*, where that meets no limit.
+As many iterations every time; none, and U*, where that meets no limit. So σ follows the weights:
+the extreme eigenvalues of (CᵀC)⁻¹ H have it in their midst (Ghadimi et al., IEEE Transactions on
+Automatic Control 60, 2015).
 """
 
 from collections.abc import Callable, Sequence
@@ -61,11 +63,13 @@ STEP_S = 0.03
 WIDTH = 7 + STEPS
 """Numbers in z, and in each row of a table; shorter rows end with zeros."""
 ITERATIONS = 20
-SIGMA = 10.0
+_BEYOND = 4.0
+"""Sigma over the geometric mean of these eigenvalues; chosen, for the first command."""
+_SQUARINGS = 4
 _RELAXATION = 1.6
 PENALTY = 0.01
-"""Bound of v for a_y, which makes its limit one that costs in proportion to its violation: where
-the vehicle is beyond it already, no command is within."""
+"""Bound of v for a_y, which makes its limit one that costs in proportion to its violation, sigma
+times this: where the vehicle is beyond it already, no command is within."""
 _STATES = (BETA, R, PSI, Y, DELTA)
 BEST, BASE, SHARE, FREE, SIDE, BACK = (STEPS * place for place in range(6))
 """First rows of U* from z, H U* term and step of U, A, G and Gᵀ."""
@@ -248,10 +252,25 @@ def _tables(
     best = -quotient(h, linear)
     back = transposed(g_side)
     c_c = eye + change + product(back, g_side)
-    share = quotient(h + SIGMA * c_c, eye)
-    square = [product(share, h), SIGMA * share, a, g_side, back]
+    most, least = _largest(quotient(c_c, h)), 1.0 / _largest(quotient(h, c_c))
+    sigma = (_BEYOND * np.sqrt(most * least))[:, None, None]
+    share = quotient(h + sigma * c_c, eye)
+    square = [product(share, h), sigma * share, a, g_side, back]
     padded = [np.pad(each, ((0, 0), (0, 0), (0, WIDTH - each.shape[2]))) for each in square]
     return np.concatenate([best, *padded], axis=1)
+
+
+def _largest(matrices: Matrix) -> Matrix:
+    """Return the largest eigenvalue of each, a little high; all must be positive.
+
+    It is the 16th root of the sum of their 16th powers.
+    """
+    for _ in range(_SQUARINGS):
+        matrices = product(matrices, matrices)
+    found: Matrix = np.trace(matrices, axis1=1, axis2=2)
+    for _ in range(_SQUARINGS):
+        found = np.sqrt(found)
+    return found
 
 
 def _side(
