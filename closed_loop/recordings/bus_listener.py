@@ -173,8 +173,9 @@ class BusListener:
         if check is None:
             return CounterResult.ACCEPTED
         since_ns, newest_ns, frames = self._heard.get(name, (now_ns, now_ns, 0))
-        passed = frames + check.lost
-        if frames > _SURE and 0 < HALF * (newest_ns - since_ns) < passed * (now_ns - newest_ns):
+        periods = (frames + check.lost) * (now_ns - newest_ns) / max(newest_ns - since_ns, 1)
+        is_older = (counter - check.counter) % COUNTERS >= HALF
+        if frames > _SURE and periods > (0.5 * HALF if is_older else HALF):
             # The counter may have gone through whole turns: any is newer, and skips none.
             self._lost[name] += check.lost
             check = self._checks[name] = CounterCheck(RULE)
