@@ -8,10 +8,11 @@
 At a given D + T a small T acts as T² does, so T itself would have no sensitivity at 0.
 
 A log of steering and motion has no force in it, so it says nothing of the mass: all of these are
-per kilogram. Nor does it separate geometry from stiffness. What ``Known`` leaves open of wheelbase
-and centre of gravity is assumed, not sought, because a model's error would be taken for it; the
-spread of the assumption goes into every interval. A sensor has an offset and a gain with priors,
-and a delay after the first yaw rate; the delay of that one is part of D.
+per kilogram. Nor does it separate geometry from stiffness. What ``Known`` leaves open of wheelbase,
+centre of gravity and driven axle is assumed, not sought, because a model's error would be taken for
+it; the spread of the assumption goes into every interval. The driving force is small, but in front
+it turns the car like a stiffer tyre. A sensor has an offset and a gain with priors, and a delay
+after the first yaw rate; the delay of that one is part of D.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,11 +30,16 @@ from .time_series import Channel, Drive, Quantity
 
 MASS_KG = 1500.0
 """Chosen where the mass is not known: it is in no figure per kilogram."""
+_STIFFNESS_N_RAD_MAX = 1e7
+"""Of `VehicleSettings`."""
 FRICTION_MAX = 2.9
 """As good as none: tyres are linear up to it."""
 _WHEELBASE_M, _WHEELBASE_SPREAD = 2.75, 0.08
-_FRONT_SHARE, _FRONT_SHARE_SPREAD = 0.48, 0.04
-"""Of passenger cars, with the relative and the absolute standard deviation; chosen."""
+_FRONT_SHARE, _FRONT_SHARE_SPREAD = 0.45, 0.05
+_DRIVE_FRONT, _DRIVE_FRONT_SPREAD = 0.5, 0.5
+"""With the relative and the absolute standard deviations: the share is that of the seven passenger
+cars among the presets, the rest is chosen."""
+_DRAG_1_M = CarSettings().drag_n_s2_m2 / MASS_KG
 
 
 class Known(Settings):
@@ -49,6 +55,8 @@ class Known(Settings):
     cg_height_m: float = Field(0.55, ge=0.0, le=5.0)
     lateral_acceleration_ahead_m: float = Field(0.0, ge=-10.0, le=10.0)
     """Where its sensor is, ahead of the centre of gravity."""
+    drive_front: float | None = Field(None, ge=0.0, le=1.0)
+    """Share of the driving force."""
     friction: float | None = Field(None, ge=0.05, le=3.0)
     tyre: Literal["fiala", "magic_formula"] = "fiala"
 
@@ -148,6 +156,7 @@ def problem_of(drive: Drive, known: Known) -> Problem:
         "wheelbase_m": known.wheelbase_m,
         "inertia": inertia,
         "friction": known.friction,
+        "drive_front": known.drive_front,
         "steering_ratio": 1.0 if sees_wheel else known.steering_ratio,
     }
     held = {name: value for name, value in told.items() if value is not None}
@@ -155,10 +164,11 @@ def problem_of(drive: Drive, known: Known) -> Problem:
     def unsure_s(other: Channel) -> float:
         return float(np.hypot(drive.outputs[0].unsure_s, other.unsure_s))
 
+    c_max = min(150.0, _STIFFNESS_N_RAD_MAX / GRAVITY_M_S2 / (known.mass_kg or MASS_KG))
     parameters = [
         _log("wheelbase_m", 0.1, 15.0, wheelbase_m),
-        _log("front_c", 1.0, 150.0, 15.0),
-        _log("rear_c", 1.0, 150.0, 20.0),
+        _log("front_c", 1.0, c_max, 15.0),
+        _log("rear_c", 1.0, c_max, 20.0),
         _log("inertia", 0.2, 4.0, inertia or 1.0),
         _log("friction", 0.05, FRICTION_MAX, 1.0),
         _log("relaxation_m", 0.005, 4.0, 0.4),
@@ -180,6 +190,9 @@ def problem_of(drive: Drive, known: Known) -> Problem:
     if known.front_axle_distance_m is None:
         spread = _FRONT_SHARE_SPREAD
         assumed.append(Parameter("front_share", 0.2, 0.8, share, 0.02, deviation=spread))
+    if known.drive_front is None:
+        spread = _DRIVE_FRONT_SPREAD
+        assumed.append(Parameter("drive_front", 0.0, 1.0, _DRIVE_FRONT, 0.1, deviation=spread))
     if not held.keys() & {"steering_ratio", "wheelbase_m"}:
         # Turning shows their product alone.
         assumed.append(_log("wheelbase_m", 0.1, 15.0, wheelbase_m, _WHEELBASE_SPREAD))
@@ -197,7 +210,7 @@ def _ratio_from_turning(drive: Drive, wheelbase_m: float) -> float:
 
 
 def car_tables(values: Mapping[str, float], known: Known) -> tuple[VehicleSettings, CarSettings]:
-    """Return the tables [vehicle] and [car] of a set of parameters; drag is not in them."""
+    """Return the tables [vehicle] and [car] of a set of parameters; the drag is a usual car's."""
     mass_kg, wheelbase_m = known.mass_kg or MASS_KG, values["wheelbase_m"]
     front_m = values["front_share"] * wheelbase_m
     rear_m = wheelbase_m - front_m
@@ -216,7 +229,24 @@ def car_tables(values: Mapping[str, float], known: Known) -> tuple[VehicleSettin
         cg_height_m=known.cg_height_m,
         front_relaxation_m=values["relaxation_m"],
         rear_relaxation_m=values["relaxation_m"],
-        drag_n_s2_m2=0.0,
-        rolling_resistance=0.0,
+        drive_front=values["drive_front"],
+        drag_n_s2_m2=_DRAG_1_M * mass_kg,
     )
     return vehicle, car
+
+
+def values_of(vehicle: VehicleSettings, car: CarSettings) -> dict[str, float]:
+    """Return the parameters of a car that are in its tables."""
+    front_m, rear_m = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
+    mass_kg, wheelbase_m = vehicle.virtual_mass_kg, front_m + rear_m
+    weight_n = GRAVITY_M_S2 * mass_kg / wheelbase_m
+    return {
+        "wheelbase_m": wheelbase_m,
+        "front_share": front_m / wheelbase_m,
+        "front_c": vehicle.front_cornering_stiffness_n_rad / (weight_n * rear_m),
+        "rear_c": vehicle.rear_cornering_stiffness_n_rad / (weight_n * front_m),
+        "inertia": vehicle.yaw_inertia_kg_m2 / (mass_kg * front_m * rear_m),
+        "friction": car.friction,
+        "relaxation_m": car.front_relaxation_m,
+        "drive_front": car.drive_front,
+    }

@@ -42,7 +42,7 @@ class Grid(NamedTuple):
     ``starts``      of each segment, and the end of the last, shape (segments + 1,)
     ``first_yaw_rates_rad_s``  of each segment
     ``unresolved``  what its resolution may hide of the steering, shape (draws, steps)
-    The others have shape (steps,).
+    The others have shape (steps,), the steering as of the ends of the steps.
     """
 
     judged: tuple[Channel, ...]
@@ -75,7 +75,7 @@ def grid_of(drive: Drive) -> Grid:
         degree = 3 if np.diff(at_s).min() > 0.3 * angle.period_s else 1
         spline = make_interp_spline(at_s, angles[:, near], degree, axis=1)
         driven = time_s, speed, np.gradient(smooth, STEP_S)
-        parts.append(np.vstack((*driven, spline(np.minimum(time_s, at_s[-1])))))
+        parts.append(np.vstack((*driven, spline(np.minimum(time_s + STEP_S, at_s[-1])))))
     rows = np.ascontiguousarray(np.concatenate(parts, axis=1))
     time_s, speed, acceleration, steering = rows[:4]
     starts = np.cumsum([0, *(part.shape[1] for part in parts)])
@@ -160,7 +160,10 @@ def _respond(
             goal_rad = measured * share + offset_rad
             wheel_rad = kept * wheel_rad + newer * goal_rad + (1.0 - kept - newer) * before_rad
             before_rad = goal_rad
-            inputs = CarInput(wheel_rad, acceleration_m_s2[step], 0.0, 0.0, 1.0, 0.0)
+            # Driven for is also what bends take of the speed.
+            bends_m_s2 = x.front_lateral_n * wheel_rad * p.mass_1_kg - x.lateral_speed_m_s * r
+            demand_m_s2 = acceleration_m_s2[step] + bends_m_s2
+            inputs = CarInput(wheel_rad, demand_m_s2, 0.0, 0.0, 1.0, 0.0)
             _, v, r, front, rear, a_x, a_y, force, use, _, _, _ = car_step(p, x, inputs, h_s)
             yaw_rates[step] = x.yaw_rate_rad_s
             accelerations[step] = a_y + ahead_m * (r - x.yaw_rate_rad_s) / h_s

@@ -11,13 +11,12 @@ from typing import TypeVar
 from pydantic import Field
 
 from ...controller.filters.nominal_model import NominalVehicle
-from ...plant_emulator.path.drivability import GRAVITY_M_S2
 from ...plant_emulator.vehicle.car.settings import CarSettings
 from ...plant_emulator.vehicle.settings import VehicleSettings
 from ...runtime.settings import Settings, SharedTable, load_settings, read_table
 from .figures import Figure, Verdict
 from .fit import Fit
-from .parameters import MASS_KG, Known, car_tables
+from .parameters import MASS_KG, Known, car_tables, values_of
 
 S = TypeVar("S", bound=Settings)
 _BOX = {
@@ -26,7 +25,7 @@ _BOX = {
     "yaw_inertia_per_mass_m2": "yaw_inertia_kg_m2",
 }
 """Figures whose intervals are the bounds of a design."""
-_CAR = ("friction", "cg_height_m", "front_relaxation_m", "rear_relaxation_m")
+_CAR = ("friction", "cg_height_m", "front_relaxation_m", "rear_relaxation_m", "drive_front")
 
 
 class IdentifiedSettings(Settings):
@@ -99,26 +98,14 @@ def read_vehicle(file: Path) -> tuple[dict[str, float], Known]:
     """Return parameters, and what is known, of a file of ``vehicle_toml``; raises SettingsError."""
     vehicle = _table(file, "vehicle", VehicleSettings)
     car, own = _table(file, "car", CarSettings), _table(file, "identified", IdentifiedSettings)
-    front_m, rear_m = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
-    mass_kg, wheelbase_m = vehicle.virtual_mass_kg, front_m + rear_m
-    weight_n = GRAVITY_M_S2 * mass_kg / wheelbase_m
-    values = {
-        "wheelbase_m": wheelbase_m,
-        "front_share": front_m / wheelbase_m,
-        "front_c": vehicle.front_cornering_stiffness_n_rad / (weight_n * rear_m),
-        "rear_c": vehicle.rear_cornering_stiffness_n_rad / (weight_n * front_m),
-        "inertia": vehicle.yaw_inertia_kg_m2 / (mass_kg * front_m * rear_m),
-        "friction": car.friction,
-        "relaxation_m": car.front_relaxation_m,
-        **own.model_dump(exclude={"lateral_acceleration_ahead_m"}),
-    }
+    sensors = own.model_dump(exclude={"lateral_acceleration_ahead_m"})
     known = Known(
-        mass_kg=mass_kg,
+        mass_kg=vehicle.virtual_mass_kg,
         cg_height_m=car.cg_height_m,
         tyre=car.tyre,
         lateral_acceleration_ahead_m=own.lateral_acceleration_ahead_m,
     )
-    return values, known
+    return values_of(vehicle, car) | sensors, known
 
 
 def _table(file: Path, name: str, model: type[S]) -> S:

@@ -29,6 +29,7 @@ from steer_by_wire.closed_loop.identification.identified import Identification, 
 from steer_by_wire.closed_loop.identification.parameters import Known
 from steer_by_wire.closed_loop.identification.response import Grid, respond
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
+from steer_by_wire.closed_loop.identification.vehicle_file import figure_line
 from steer_by_wire.runtime.array_types import FloatArray
 
 STEP_S, LAG_S = 1e-3, 0.05
@@ -114,40 +115,29 @@ def main() -> None:
     for number in (1, 2, 3):
         module = importlib.import_module(f"vehiclemodels.parameters_vehicle{number}")
         parameters = getattr(module, f"parameters_vehicle{number}")()
-        known = Known(
-            mass_kg=parameters.m, yaw_inertia_kg_m2=parameters.I_z,
-            wheelbase_m=parameters.a + parameters.b, front_axle_distance_m=parameters.a,
-        )  # fmt: skip
         wheelbase_m = parameters.a + parameters.b
-        true = [
-            understeer_rad_s2_m(partial(driven, parameters), wheelbase_m, side)
-            for side in SIDES_M_S2
-        ]
-        gradient_rad_s2_m = wheelbase_m / SWEEPS[0][0] ** 2 + true[0]
-        sys.stdout.write(
-            f"car {number}: delay and lag {1e3 * LAG_S:.0f} ms, steering gradient"
-            f" {1e3 * gradient_rad_s2_m:.2f} mrad s2/m\n"
-        )
+        known = Known(
+            mass_kg=parameters.m, yaw_inertia_kg_m2=parameters.I_z, wheelbase_m=wheelbase_m,
+            front_axle_distance_m=parameters.a,
+        )  # fmt: skip
+        car = partial(driven, parameters)
+        true = [understeer_rad_s2_m(car, wheelbase_m, side) for side in SIDES_M_S2]
+        steering_rad_s2_m = wheelbase_m / SWEEPS[0][0] ** 2 + true[0]
         sweeps = [sweep(parameters, number, which) for which in range(len(SWEEPS))]
         for count in (1, 2):
-            drive = make_drive(joined(sweeps[:count]), f"car {number}")
-            found = identify(drive, known)
-            named = {one.name: one for one in found.figures}
-            gradient, total = named["understeer_gradient_rad_s2_m"], named["delay_and_lag_s"]
-            sys.stdout.write(
-                f"  {count} sweeps: understeer {1e3 * gradient.value:.3f}"
-                f" [{1e3 * gradient.low:.3f}, {1e3 * gradient.high:.3f}]; delay and lag"
-                f" {1e3 * total.value:.1f} [{1e3 * total.low:.1f}, {1e3 * total.high:.1f}],"
-                f" {total.verdict}; residual {found.fit.residual_percent:.2f} %\n"
-            )
+            found = identify(make_drive(joined(sweeps[:count]), f"car {number}"), known)
+            lines = [f"car {number}, {count} sweeps: residual {found.fit.residual_percent:.2f} %"]
+            told = ("understeer_gradient_rad_s2_m", "delay_and_lag_s")
+            lines += [figure_line(one) for one in found.figures if one.name in told]
             drive_found = identified_car(found)
             for side, its in zip(SIDES_M_S2, true, strict=True):
                 mine = understeer_rad_s2_m(drive_found, wheelbase_m, side)
-                sys.stdout.write(
-                    f"    at {side:g} m/s2 {1e3 * mine:.3f} of {1e3 * its:.3f} mrad s2/m:"
+                lines.append(
+                    f"at {side:g} m/s2 {1e3 * mine:.3f} of {1e3 * its:.3f} mrad s2/m:"
                     f" {100.0 * (mine / its - 1.0):+.1f} %,"
-                    f" {100.0 * (mine - its) / gradient_rad_s2_m:+.2f} % of the steering gradient\n"
+                    f" {100.0 * (mine - its) / steering_rad_s2_m:+.2f} % of the steering gradient"
                 )
+            sys.stdout.write("\n  ".join(lines) + "\n")
             sys.stdout.flush()
 
 

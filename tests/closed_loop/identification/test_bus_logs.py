@@ -109,12 +109,8 @@ def test_a_table_of_wheel_and_commands_tells_the_steering() -> None:
     ]
     assert steering_of(of_table).figures[0].value == pytest.approx(0.05, rel=0.02)
     assert steering_of(of_table[:1]) is None
-
-
-def test_a_wheel_that_is_where_it_is_told_to_be_has_next_to_no_lag() -> None:
-    time_s, _, command = follower(0.05, 0.0, 0.0)
-    lag, *_ = identify_steering(time_s, command, command).figures
-    assert lag.value < 1e-3
+    at_once, *_ = identify_steering(time_s, command, command).figures
+    assert at_once.value < 1e-3
 
 
 def test_a_network_is_told_as_it_was_sent(bus, tmp_path) -> None:

@@ -95,12 +95,9 @@ def test_times_that_are_uneven_in_truth_are_kept() -> None:
     assert evened(wave, 0.01) == (wave, 0.0)
 
 
-def test_a_wheel_that_is_never_turned_is_refused() -> None:
+def test_a_log_without_motion_or_a_yaw_rate_is_refused_by_name() -> None:
     with pytest.raises(SettingsError, match=r"hand_wheel_rad hardly changes.*drive a sweep"):
         make_drive(channels(1e-4), "log")
-
-
-def test_a_log_without_a_yaw_rate_is_refused_by_name() -> None:
     with pytest.raises(SettingsError, match="has no yaw_rate_rad_s"):
         make_drive(channels()[:2], "log")
 
@@ -113,16 +110,6 @@ def test_columns_are_read_in_the_units_of_their_names(tmp_path) -> None:
     assert speed.values == pytest.approx([10.0, 20.0])
     assert speed.time_s == pytest.approx([0.0, 0.01])
     assert rate.values == pytest.approx([np.pi / 2.0])
-
-
-def test_a_proposed_mapping_reads_its_table(tmp_path) -> None:
-    file, mapping = tmp_path / "log.csv", tmp_path / "map.toml"
-    file.write_text("t,SAS_deg,VehSpeed_kmh\n0,90,36\n1,180,72\n")
-    mapping.write_text(proposed_mapping(file))  # either steering angle is enough
-    angle, speed = read_columns(file, mapping)
-    assert (angle.quantity, speed.quantity) == (Quantity.HAND_WHEEL, Quantity.SPEED)
-    assert angle.values == pytest.approx([np.pi / 2.0, np.pi])
-    assert speed.values == pytest.approx([10.0, 20.0])
 
 
 @pytest.mark.parametrize(

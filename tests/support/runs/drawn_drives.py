@@ -34,7 +34,7 @@ def drawn_car(rng: np.random.Generator) -> dict[str, float]:
     front_c = float(rng.uniform(9.0, 22.0))
     return {
         "wheelbase_m": float(2.75 * np.exp(0.08 * rng.standard_normal())),
-        "front_share": float(np.clip(0.48 + 0.04 * rng.standard_normal(), 0.38, 0.58)),
+        "front_share": float(np.clip(0.45 + 0.05 * rng.standard_normal(), 0.33, 0.6)),
         "front_c": front_c,
         "rear_c": front_c * float(rng.uniform(1.0, 1.7)),
         "inertia": float(rng.uniform(0.75, 1.15)),
@@ -47,6 +47,7 @@ def drawn_car(rng: np.random.Generator) -> dict[str, float]:
         "yaw_rate_offset_rad_s": float(0.005 * rng.standard_normal()),
         "lateral_acceleration_m_s2:offset": float(0.15 * rng.standard_normal()),
         "lateral_acceleration_m_s2:gain": float(1.0 + 0.03 * rng.standard_normal()),
+        "drive_front": float(rng.integers(2)),
     }
 
 
@@ -114,33 +115,24 @@ def log_of(
     still = {**car, "lag_squared_s2": 0.0, "delay_and_lag_s": 0.0}
     ends, driven = np.array([0, len(steps)]), (speed_m_s, np.gradient(speed_m_s, STEP_S))
     time_s = steps * STEP_S
-    grid = Grid((), STEP_S, ends, np.zeros(1), time_s, wheel, *driven, np.empty(0))
+    at_ends = np.append(wheel[1:], wheel[-1:])
+    grid = Grid((), STEP_S, ends, np.zeros(1), time_s, at_ends, *driven, np.empty(0))
     response = respond(grid, still, Known())
     # The sensor's steps lie anywhere: straight on is within one, and not in its middle.
     zero_rad = float(rng.uniform(-0.5, 0.5)) * _STEP_RAD
     side = Quantity.LATERAL_ACCELERATION
-    channels = [
-        _measured(Quantity.HAND_WHEEL, time_s, steering_rad + zero_rad, rng, 0.0, _STEP_RAD),
-        _measured(Quantity.SPEED, time_s, speed_m_s, rng, 0.0, 0.01),
-        _measured(
-            Quantity.YAW_RATE,
-            time_s,
-            response.yaw_rate_rad_s + car["yaw_rate_offset_rad_s"],
-            rng,
-            rng.uniform(0.001, 0.004),
-            5e-4,
-        ),
-        _measured(
-            side,
-            time_s,
-            car[f"{side}:gain"] * response.lateral_acceleration_m_s2 + car[f"{side}:offset"],
-            rng,
-            rng.uniform(0.03, 0.12),
-            0.01,
-            (delays_s or {}).get(side, 0.0),
-        ),
-    ]
-    channels = [_received(one, rng, network) for one in channels]
+    yaw_rate = response.yaw_rate_rad_s + car["yaw_rate_offset_rad_s"]
+    side_m_s2 = car[f"{side}:gain"] * response.lateral_acceleration_m_s2 + car[f"{side}:offset"]
+    at_s, channels = np.arange(0.0, time_s[-1], PERIOD_S), list[Channel]()
+    for quantity, values, noise, quantum in (
+        (Quantity.HAND_WHEEL, steering_rad + zero_rad, 0.0, _STEP_RAD),
+        (Quantity.SPEED, speed_m_s, 0.0, 0.01),
+        (Quantity.YAW_RATE, yaw_rate, rng.uniform(0.001, 0.004), 5e-4),
+        (side, side_m_s2, rng.uniform(0.03, 0.12), 0.01),
+    ):
+        seen = np.interp(at_s - (delays_s or {}).get(quantity, 0.0), time_s, values)
+        noisy = np.round((seen + noise * rng.standard_normal(len(at_s))) / quantum) * quantum
+        channels.append(_received(Channel(str(quantity), quantity, at_s, noisy), rng, network))
     known = Known()
     if knows:
         known = Known(
@@ -149,18 +141,12 @@ def log_of(
             front_axle_distance_m=car["front_share"] * car["wheelbase_m"],
             steering_ratio=car["steering_ratio"],
         )
-    offset_rad = car["steering_offset_rad"] - zero_rad
-    truth = {
-        **car,
-        "steering_offset_rad": offset_rad,
-        **{f"{name}:delay_s": value for name, value in (delays_s or {}).items()},
-    }
+    truth = {f"{name}:delay_s": value for name, value in (delays_s or {}).items()} | car
+    truth["steering_offset_rad"] -= zero_rad
     return DrawnDrive(channels, truth, known)
 
 
-def _received(
-    channel: Channel, rng: np.random.Generator, network: tuple[float, float]
-) -> Channel:  # fmt: skip
+def _received(channel: Channel, rng: np.random.Generator, network: tuple[float, float]) -> Channel:
     """Return the samples that arrive, in order, at the times of their arrival."""
     jitter_s, loss = network
     if not jitter_s:
@@ -170,17 +156,3 @@ def _received(
     burst = rng.uniform(size=len(late_s)) < loss / 3.0
     kept = ~(burst | np.roll(burst, 1) | np.roll(burst, 2))
     return channel._replace(time_s=at_s[kept], values=channel.values[kept])
-
-
-def _measured(
-    quantity: Quantity,
-    time_s: FloatArray,
-    values: FloatArray,
-    rng: np.random.Generator,
-    deviation: float,
-    quantum: float,
-    delay_s: float = 0.0,
-) -> Channel:
-    at_s = np.arange(0.0, time_s[-1], PERIOD_S)
-    seen = np.interp(at_s - delay_s, time_s, values) + deviation * rng.standard_normal(len(at_s))
-    return Channel(str(quantity), quantity, at_s, np.round(seen / quantum) * quantum)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from steer_by_wire.closed_loop.identification.columns import read_columns
 from steer_by_wire.plant_emulator.settings import PlantSettings, shared_vehicle
 from steer_by_wire.runtime.exit_status import ExitStatus
 from steer_by_wire.runtime.settings import load_settings
@@ -42,7 +43,8 @@ def test_a_drive_becomes_a_vehicle_that_predicts_it(log, tmp_path, capsys) -> No
     out = tmp_path / "car"
     assert main([str(log), "--from", "5", "--out", str(out)]) == 0
     shown = capsys.readouterr().out
-    assert re.search(r"(?s)\ndelay_and_lag_s [^\n]* with \w+, \w+\n.*\nnext: tell by", shown)
+    partner = re.search(r"\nrear_stiffness_\w+ [^\n]* with (\w+)\n", shown)[1]
+    assert re.search(rf"\nnext: tell by --known[^\n]* {partner}\n", shown)
     residual = float(re.search(r"residual of yaw rate: (\S+) %", shown)[1])
     vehicle = load_settings(PlantSettings, shared=shared_vehicle(out / "vehicle.toml")).vehicle
     tables = tomllib.loads((out / "vehicle.toml").read_text())
@@ -89,9 +91,12 @@ def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
     assert main([str(log)]) == 2
     assert "has no hand_wheel_rad" in capsys.readouterr().err
     assert main(["new", str(log)]) == 0
-    mapping = tomllib.loads(capsys.readouterr().out)["columns"]
-    assert mapping["hand_wheel_rad"]["column"] == "steerangle"
-    assert mapping["yaw_rate_of_rack_deg_s"]["unit"] == "deg_s"
+    mapping = log.with_suffix(".toml")
+    mapping.write_text(capsys.readouterr().out)
+    columns = tomllib.loads(mapping.read_text())["columns"]
+    assert columns["hand_wheel_rad"]["column"] == "steerangle"
+    assert columns["yaw_rate_of_rack_deg_s"]["unit"] == "deg_s"
+    assert len(read_columns(log, mapping)) == 3
 
 
 @pytest.mark.parametrize(
