@@ -15,7 +15,7 @@ from .cycle import CycleParams
 from .driver import BLIND, DriverParams, Kick, TwoPointParams
 from .feedback_laws import FEEDBACK_LAWS, FeedbackParams
 from .modes import FeedbackSupervision
-from .wheel import GRIPS, HandWheel, LinearSystem, kept_of
+from .wheel import GRIPS, LinearSystem, WheelSettings, kept_of
 from .wheel_step import WheelParams, wheel_params
 
 PRESETS = "steer_by_wire.hand_wheel.presets"
@@ -24,29 +24,6 @@ STEP_S_MAX = 0.001
 """Longest step of the wheel's motion; a firmly held wheel swings 300 times as slowly."""
 _LAG_S_MIN = 1e-6
 _Gain = Annotated[float, Field(ge=0.0, le=1000.0)]
-
-
-class WheelSettings(Settings):
-    """`[wheel]`: the wheel and its motor; the defaults are chosen."""
-
-    inertia_kg_m2: float = Field(HandWheel().inertia_kg_m2, ge=1e-4, le=10.0)
-    damping_n_m_s: float = Field(HandWheel().damping_n_m_s, ge=0.0, le=100.0)
-    friction_n_m: float = Field(0.1, ge=0.0, le=20.0)
-    """Coulomb friction: the wheel sticks."""
-    stop_rad: float = Field(9.0, ge=0.1, le=13.0)
-    """Angle of the end stop on either side; the default is three turns from stop to stop."""
-    motor_lag_s: float = Field(HandWheel().motor_lag_s, ge=1e-4, le=1.0)
-    torque_n_m_max: float = Field(10.0, ge=0.1, le=20.0)
-    """Largest torque of the motor."""
-    sensor_n_m_rad: float = Field(0.0, ge=0.0, le=1000.0)
-    """Stiffness of the torque sensor, between rim and motor; 0: rigid."""
-    rim_share: float = Field(HandWheel().rim_share, gt=0.0, lt=1.0)
-    """Share of the inertia that is above a torque sensor with a stiffness."""
-
-    @property
-    def linear(self) -> HandWheel:
-        """The wheel without friction, stops and limits."""
-        return HandWheel(*(getattr(self, name) for name in HandWheel._fields))
 
 
 class KickSettings(Settings):
@@ -114,9 +91,9 @@ class FeedbackSettings(Settings):
     """Torque for each radian of the hand wheel while the vehicle does not move sideways; chosen."""
     cutoff_rad_s: float = Field(50.0, ge=0.1, le=1000.0)
     """Bandwidth of cdob and dob."""
-    dob_inertia_kg_m2: float = Field(HandWheel().inertia_kg_m2, ge=0.0, le=10.0)
+    dob_inertia_kg_m2: float = Field(0.035, ge=0.0, le=10.0)
     """Inertia that the dob lets the driver feel."""
-    dob_damping_n_m_s: float = Field(HandWheel().damping_n_m_s, ge=0.0, le=100.0)
+    dob_damping_n_m_s: float = Field(0.15, ge=0.0, le=100.0)
     """Damping that the dob lets the driver feel."""
     washout_rad_s: float = Field(2.0, ge=0.0, le=100.0)
     """Washout of the cdob: slower torque comes from the road alone. 0 switches it off."""
@@ -178,10 +155,7 @@ class HandWheelSettings(Settings):
     @property
     def wheel_params(self) -> WheelParams:
         """Constants of a step of the wheel's motion."""
-        wheel, step_s = self.wheel, self.cycle_s / self.steps
-        return wheel_params(
-            wheel.linear, wheel.friction_n_m, wheel.stop_rad, wheel.torque_n_m_max, step_s
-        )
+        return wheel_params(self.wheel, self.cycle_s / self.steps)
 
     @property
     def nominal_way(self) -> LinearSystem:

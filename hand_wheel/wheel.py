@@ -23,6 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
+
+from ..runtime.settings import Settings
 
 Matrix = NDArray[np.float64]
 Row = tuple[float, float, float]
@@ -56,17 +59,25 @@ GRIPS: Mapping[str, Grip] = MappingProxyType(
 """Chosen."""
 
 
-class HandWheel(NamedTuple):
-    """The wheel and its motor; the defaults are chosen. ``sensor_n_m_rad`` of 0: rigid."""
+class WheelSettings(Settings):
+    """`[wheel]`: the wheel and its motor; the defaults are chosen."""
 
-    inertia_kg_m2: float = 0.035
-    damping_n_m_s: float = 0.15
-    motor_lag_s: float = 0.004
-    sensor_n_m_rad: float = 0.0
-    rim_share: float = 0.85
+    inertia_kg_m2: float = Field(0.035, ge=1e-4, le=10.0)
+    damping_n_m_s: float = Field(0.15, ge=0.0, le=100.0)
+    friction_n_m: float = Field(0.1, ge=0.0, le=20.0)
+    """Coulomb friction: the wheel sticks."""
+    stop_rad: float = Field(9.0, ge=0.1, le=13.0)
+    """Angle of the end stop on either side; the default is three turns from stop to stop."""
+    motor_lag_s: float = Field(0.004, ge=1e-4, le=1.0)
+    torque_n_m_max: float = Field(10.0, ge=0.1, le=20.0)
+    """Largest torque of the motor."""
+    sensor_n_m_rad: float = Field(0.0, ge=0.0, le=1000.0)
+    """Stiffness of the torque sensor, between rim and motor; 0: rigid."""
+    rim_share: float = Field(0.85, gt=0.0, lt=1.0)
+    """Share of the inertia that is above a torque sensor with a stiffness."""
 
 
-def held_wheel(wheel: HandWheel, grip: Grip) -> LinearSystem:
+def held_wheel(wheel: WheelSettings, grip: Grip) -> LinearSystem:
     """Return the system from commanded torque [N m] to angle [rad].
 
     Its states are θ, θ', T; with a sensor that gives way, θ_r and θ_r' follow.
@@ -84,7 +95,7 @@ def held_wheel(wheel: HandWheel, grip: Grip) -> LinearSystem:
     return LinearSystem(np.array(a), np.array(b), np.array(c))
 
 
-def sensed_torque(wheel: HandWheel, grip: Grip) -> Matrix:
+def sensed_torque(wheel: WheelSettings, grip: Grip) -> Matrix:
     """Return the row that gives the arms' torque at the sensor from the states of that system."""
     if (sensor_n_m_rad := wheel.sensor_n_m_rad) != 0.0:
         return np.array([-sensor_n_m_rad, 0.0, 0.0, sensor_n_m_rad, 0.0])
@@ -93,10 +104,10 @@ def sensed_torque(wheel: HandWheel, grip: Grip) -> Matrix:
     return np.asarray(-resisted - grip.inertia_kg_m2 * acceleration)
 
 
-def _parted_wheel(wheel: HandWheel, grip: Grip) -> LinearSystem:
+def _parted_wheel(wheel: WheelSettings, grip: Grip) -> LinearSystem:
     sensor_n_m_rad, above_kg_m2 = wheel.sensor_n_m_rad, wheel.rim_share * wheel.inertia_kg_m2
     below_kg_m2 = wheel.inertia_kg_m2 - above_kg_m2
-    below = HandWheel(below_kg_m2, wheel.damping_n_m_s, wheel.motor_lag_s)
+    below = wheel.model_copy(update={"inertia_kg_m2": below_kg_m2, "sensor_n_m_rad": 0.0})
     on_sensor, a = held_wheel(below, Grip(0.0, 0.0, sensor_n_m_rad)), np.zeros((5, 5))
     a[:3, :3], a[1, 3], a[3, 4] = on_sensor.a, sensor_n_m_rad / below_kg_m2, 1.0
     by_rim = sensor_n_m_rad, -grip.stiffness_n_m - sensor_n_m_rad, -grip.damping_n_m_s

@@ -19,7 +19,7 @@ is zero, and a wheel at rest stays exactly where it is.
 from math import exp
 from typing import NamedTuple
 
-from .wheel import Grip, HandWheel
+from .wheel import Grip, WheelSettings
 
 
 class WheelParams(NamedTuple):
@@ -66,16 +66,14 @@ class Hands(NamedTuple):
 AT_REST = WheelState(0.0, 0.0, 0.0, 0.0)
 
 
-def wheel_params(
-    wheel: HandWheel, friction_n_m: float, stop_rad: float, torque_n_m_max: float, step_s: float
-) -> WheelParams:
-    """Return the constants of steps of ``step_s`` > 0; lag and inertia are positive."""
+def wheel_params(wheel: WheelSettings, step_s: float) -> WheelParams:
+    """Return the constants of steps of ``step_s`` > 0."""
     steps = step_s / wheel.motor_lag_s
     kept = exp(-steps)
     rim_kg_m2 = wheel.rim_share * wheel.inertia_kg_m2 if wheel.sensor_n_m_rad else 0.0
     return WheelParams(
-        wheel.inertia_kg_m2 - rim_kg_m2, wheel.damping_n_m_s, friction_n_m, stop_rad,
-        torque_n_m_max, kept, (1.0 - kept) / steps, step_s, wheel.sensor_n_m_rad, rim_kg_m2,
+        wheel.inertia_kg_m2 - rim_kg_m2, wheel.damping_n_m_s, wheel.friction_n_m, wheel.stop_rad,
+        wheel.torque_n_m_max, kept, (1.0 - kept) / steps, step_s, wheel.sensor_n_m_rad, rim_kg_m2,
     )  # fmt: skip
 
 

@@ -66,7 +66,8 @@ from .step_functions import chosen_by_type, register
 if TYPE_CHECKING:
     from ...hand_wheel.settings import HandWheelSettings
 
-_ARRIVAL, _FORCE, _ANSWER, _CYCLE, _STATE = map(int, Event)
+_LATE_ANSWER, _LATE_STATE, _FORCE, _ANSWER, _CYCLE, _STATE = map(int, Event)
+NO_TURN, STEERS, READS, ELSE = range(4)
 _LAW, _DRIVER, _BOTH = int(SteeredBy.LAW), int(SteeredBy.DRIVER), int(SteeredBy.BOTH)
 _LATERAL_ERROR, _STEERING_STATUS, _VEHICLE_STATE, _, _STEERING_FORCE = map(int, Uplink)
 _APPLYING = int(SteeringStatusCode.APPLYING)
@@ -242,26 +243,29 @@ def next_ns(w: Wheel, x: WheelProgress, ticks_done: int, to_ns: int) -> int:
 
 
 @register_jitable(**INLINE)
-def is_turn(w: Wheel, x: WheelProgress, ns: int, command: int, times: tuple[int, int]) -> bool:
-    """Whether an event at ``ns`` comes before the next command, and before all else."""
+def turn_of(w: Wheel, x: WheelProgress, ns: int, command: int, times: tuple[int, int]) -> int:
+    """Return what the event at ``ns`` is, unless the next command or all else comes before it.
+
+    One of NO_TURN, STEERS for an angle that acts, READS for the force on the rack, and ELSE.
+    """
     command_ns, other_ns = times
     e, at = w.events, x.event
-    if e.kind[at] != _ARRIVAL:
-        return ns < command_ns and ns < other_ns
-    return ns <= other_ns and (ns < command_ns or (ns == command_ns and command >= e.commands[at]))
-
-
-@register_jitable(**INLINE)
-def is_steering(w: Wheel, x: WheelProgress, now_ns: int) -> bool:
-    """Whether the event is an angle of the hand wheel that acts."""
-    kind = w.events.kind[x.event]
-    is_state = kind == _STATE or (kind == _ARRIVAL and w.events.is_state[x.event] != 0)
-    return is_state and driver_steers(x.plant, now_ns)
+    kind = e.kind[at]
+    comes = ns < command_ns and ns < other_ns
+    if kind <= _LATE_STATE:
+        is_before = ns == command_ns and command >= e.commands[at]
+        comes = ns <= other_ns and (ns < command_ns or is_before)
+    if not comes:
+        return NO_TURN
+    if kind == _FORCE:
+        return READS
+    is_state = kind in (_STATE, _LATE_STATE)
+    return STEERS if is_state and driver_steers(x.plant, ns) else ELSE
 
 
 @register_jitable(**INLINE)
 def wanted_rad(w: Wheel, x: WheelProgress) -> float:
-    """Return that angle, as one of the road wheels."""
+    """Return the angle that acts, as one of the road wheels."""
     return float(_angle_on_wire_rad(w, w.events.number[x.event]) / x.plant.ratio)
 
 
@@ -277,14 +281,8 @@ def is_drivers(x: WheelProgress, p: Any, z: Any, guard: Any, now_ns: int) -> boo
 
 
 @register_jitable(**INLINE)
-def reads_force(w: Wheel, x: WheelProgress) -> bool:
-    """Whether the event is a reading of the force on the rack."""
-    return bool(w.events.kind[x.event] == _FORCE)
-
-
-@register_jitable(**INLINE)
 def read_force(w: Wheel, x: WheelProgress, p: Any, z: Any) -> None:
-    """Keep that force, as STEERING_FORCE carries it."""
+    """Keep the force on the rack, as STEERING_FORCE carries it."""
     force_n = _rack_force_n(p, z, w.vehicle, w.trail_m, w.arm_m)
     w.force_n[w.events.number[x.event]] = on_wire(force_n, _FORCE_N)
 
@@ -296,7 +294,7 @@ def after_event(w: Wheel, r: Any, x: WheelProgress, now_ns: int) -> WheelProgres
     kind, number, heard = e.kind[at], e.number[at], x.plant
     if kind == _CYCLE:
         return _run_cycle(w, r, x, number)
-    if kind == _ANSWER or (kind == _ARRIVAL and e.is_state[at] == 0):
+    if kind in (_ANSWER, _LATE_ANSWER):
         heard = heard_step(heard, w.steered_by[number], w.ratio, now_ns)
     return WheelProgress(at + 1, x.wheel, x.cycle, x.rested, x.hands, x.told_n_m, heard, x.who)
 

@@ -37,16 +37,16 @@ OnBus = Sequence[tuple[int, int]]
 
 
 class Event(IntEnum):
-    """What happens, in the order of the events of one instant."""
+    """What happens, in the order of one instant; the late ones come in the order of leaving."""
 
-    ARRIVAL = 0
-    """Of a message to the plant that was sent before this instant."""
-    FORCE = 1
-    ANSWER = 2
-    """HAND_WHEEL_FEEDBACK arrives without latency."""
-    CYCLE = 3
-    STATE = 4
-    """HAND_WHEEL_STATE arrives without latency."""
+    LATE_ANSWER = 0
+    """HAND_WHEEL_FEEDBACK or, next, HAND_WHEEL_STATE arrives that was sent before this instant."""
+    LATE_STATE = 1
+    FORCE = 2
+    ANSWER = 3
+    """HAND_WHEEL_FEEDBACK or, below, HAND_WHEEL_STATE arrives without latency."""
+    CYCLE = 4
+    STATE = 5
 
 
 class WheelEvents(NamedTuple):
@@ -54,8 +54,7 @@ class WheelEvents(NamedTuple):
 
     ``ns``, ``kind``, ``number``  of each event; the number is that of a reading of the force, of a
                       cycle, or of a tick
-    ``is_state``      whether an arrival is that of a HAND_WHEEL_STATE
-    ``commands``      how many commands arrive before an ARRIVAL
+    ``commands``      how many commands arrive before a late one
     ``ticks``         how many control ticks come before an event
     ``in_use``        sample of each ``Uplink`` that is in use at each cycle, -1 for none
     ``tick_cycle``    newest cycle that the controller has heard of at each tick
@@ -66,7 +65,6 @@ class WheelEvents(NamedTuple):
     ns: IntArray
     kind: IntArray
     number: IntArray
-    is_state: IntArray
     commands: IntArray
     ticks: IntArray
     in_use: IntArray
@@ -96,20 +94,19 @@ def wheel_events(
     came_ns, due_ns, kind, index = (
         column[~is_command] for column in (down.came_ns, down.due_ns, down.kind, down.number)
     )
-    is_now = came_ns == due_ns
-    rank = np.where(is_now, np.where(kind == 1, Event.ANSWER, Event.STATE), Event.ARRIVAL)
+    answers, states = (Event.LATE_ANSWER, Event.ANSWER), (Event.LATE_STATE, Event.STATE)
+    arrival = np.where(
+        kind == 1, *(np.where(came_ns == due_ns, *each[::-1]) for each in (answers, states))
+    )
     forces, cycles = np.arange(len(force_ns)), np.arange(len(cycle_ns))
     columns = (
         np.concatenate((due_ns, force_ns, cycle_ns)),
-        np.concatenate(
-            (rank, np.full_like(forces, Event.FORCE), np.full_like(cycles, Event.CYCLE))
-        ),
+        np.concatenate((arrival, 0 * forces + Event.FORCE, 0 * cycles + Event.CYCLE)),
         np.concatenate((index, forces, cycles)),
-        np.concatenate((kind == 2, 0 * forces, 0 * cycles)),
         np.concatenate((before, 0 * forces, 0 * cycles)),
     )
-    order = np.lexsort((columns[1], columns[0]))
-    ns, kinds, of, is_state, commands = (column[order].astype(np.int64) for column in columns)
+    order = np.lexsort((np.maximum(columns[1], Event.LATE_STATE), columns[0]))
+    ns, kinds, of, commands = (column[order].astype(np.int64) for column in columns)
     ticks = np.where(
         kinds < Event.ANSWER,
         np.searchsorted(tick_ns, ns, side="left"),
@@ -120,7 +117,7 @@ def wheel_events(
     road_ns = None if reads is None else arrivals[UPLINKS[reads]].arrival_ns
     mode, share = _modes(wheel, road_ns, cycle_ns)
     return WheelEvents(
-        ns, kinds, of, is_state, commands, ticks,
+        ns, kinds, of, commands, ticks,
         np.array([in_use_at(each, cycle_ns)[0] for each in arrivals]),
         np.searchsorted(cycle_ns, tick_ns, side="left") - 1,
         in_use_at(statuses, tick_ns)[0],
@@ -146,7 +143,7 @@ def felt_delay_s(plant: PlantSettings, wheel: "HandWheelSettings", events: Wheel
     if reads is None:
         return nan
     in_use, period_ns = events.in_use[UPLINKS[reads]], _road_period_ns(plant, wheel)
-    is_state = (events.kind == Event.STATE) | (events.is_state != 0)
+    is_state = np.isin(events.kind, (Event.LATE_STATE, Event.STATE))
     # The sensors come before an angle that arrives without latency, after any other one.
     known_ns = 2 * events.ns[is_state] + (events.kind[is_state] == Event.STATE)
     return _mean_age_s(wheel, in_use, 2 * period_ns * in_use, known_ns, events.number[is_state])

@@ -40,15 +40,16 @@ from ...plant_emulator.steering.hold_and_fallback import (
 )
 from .compilation import compiled_unchecked
 from .hand_wheel import (
+    NO_TURN,
+    READS,
+    STEERS,
     after_event,
     decide,
     is_drivers,
-    is_steering,
-    is_turn,
     next_ns,
     read_force,
-    reads_force,
     start_wheel,
+    turn_of,
     wanted_rad,
 )
 from .inlined_functions import INLINE
@@ -197,20 +198,20 @@ def _plant_until(
         has_waited = _has_waited(r.waiting, waited)
         if first_ns > to_ns and not has_waited:
             break
-        turns = turns_wheel = False
+        turn = NO_TURN
         if wheel is not None and wheel_ns <= to_ns:
             times = command_ns, min(sample_ns, guard_ns)
-            turns = is_turn(wheel, hands, wheel_ns, command, times)
-            turns_wheel = turns and is_steering(wheel, hands, wheel_ns)
-        arrives = command_ns <= sample_ns and command_ns <= guard_ns and not turns
+            turn = turn_of(wheel, hands, wheel_ns, command, times)
+        turns_wheel = turn == STEERS
+        arrives = command_ns <= sample_ns and command_ns <= guard_ns and turn == NO_TURN
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
         has_moved, is_sample, steers, acts, steer_rad = True, False, False, False, 0.0
         if has_waited:
             motion_ns, steer_rad = _waiting_at(r.waiting, acting)
             acts, acting = True, acting + 1
-        elif wheel is not None and turns and not turns_wheel:
-            motion_ns, has_moved = wheel_ns - c.motion_start_ns, reads_force(wheel, hands)
-            if has_moved:
+        elif wheel is not None and turn > STEERS:
+            motion_ns = wheel_ns - c.motion_start_ns
+            if turn == READS:
                 z = advance_motion(p, z, motion_ns)
                 read_force(wheel, hands, p, z)
             hands = after_event(wheel, r, hands, wheel_ns)

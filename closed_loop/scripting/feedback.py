@@ -206,15 +206,15 @@ def feedback_loop(
 
     A car is taken as its [vehicle], with the lag of its [actuator] and the relaxation of its tyres.
     """
-    linear, law = wheel.wheel.linear, wheel.feedback
+    law = wheel.feedback
     if law.law == "model":
         return None
     rack, vehicle = Rack(lag_s=max(plant.actuator.lag_s, 1e-6)), vehicle_params(plant.vehicle)
     road = road_torque(vehicle, law.torque_gradient_n_m, rack, plant.car)
     if law.law == "spring":
         road = spring_torque(road, law.torque_gradient_n_m)
-    damping_n_m_s = linear.damping_n_m_s + law.damping_n_m_s + added_n_m_s
-    damped = linear._replace(damping_n_m_s=damping_n_m_s)
+    damping_n_m_s = wheel.wheel.damping_n_m_s + law.damping_n_m_s + added_n_m_s
+    damped = wheel.wheel.model_copy(update={"damping_n_m_s": damping_n_m_s})
     grip, sampled = GRIPS[wheel.driver.grip], PASS_THROUGH
     if law.law == "dob":
         known = law.dob_inertia_kg_m2, law.dob_damping_n_m_s

@@ -34,7 +34,7 @@ class SampledLaw(NamedTuple):
     d: Matrix
 
     def with_damping(
-        self, damping_n_m_s: float, cutoff_rad_s: float, cycle_s: float
+        self, damping_n_m_s: float, cycle_s: float, cutoff_rad_s: float
     ) -> "SampledLaw":
         """Return the law with damping by the filtered rate."""
         kept, gain = _low_pass(cutoff_rad_s, cycle_s)

@@ -17,7 +17,7 @@ from steer_by_wire.hand_wheel.feedback_laws import (
     resist,
 )
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
-from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel, sensed_torque
+from steer_by_wire.hand_wheel.wheel import GRIPS, WheelSettings, held_wheel, sensed_torque
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams, state_matrices
 
 LAG_S, LOOSE = 0.02, GRIPS["loose"]
@@ -57,7 +57,7 @@ def test_an_observer_is_that_of_the_analysis(cycle_ms: float, gradient: float, l
     wheel = hand_wheel(cycle_ms, law=law, torque_gradient_n_m=gradient)
     p, step = wheel.feedback_params, FEEDBACK_LAWS[law].step
     road = road_torque(vehicle_of(wheel), gradient, Rack(lag_s=LAG_S))
-    held, sensed = held_wheel(HandWheel(), LOOSE), sensed_torque(HandWheel(), LOOSE)
+    held, sensed = held_wheel(WheelSettings(), LOOSE), sensed_torque(WheelSettings(), LOOSE)
     sampled = sampled_laws.sampled_dob(0.035, 0.15, wheel.cycle_s, 50.0)
     if law == "cdob":
         sampled = sampled_laws.sampled_cdob(road, wheel.cycle_s)

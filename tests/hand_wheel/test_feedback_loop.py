@@ -24,7 +24,7 @@ from steer_by_wire.closed_loop.scripting.simulate import settings_of
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
-from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
+from steer_by_wire.hand_wheel.wheel import GRIPS, WheelSettings, held_wheel
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 
@@ -40,7 +40,7 @@ def loop_of(
     damping_n_m_s: float = 0.15, rack_hz: float = 8.0, has_cdob: bool = False,
 ) -> SampledFeedback:  # fmt: skip
     road = road_torque(sedan(speed_km_h), gradient_n_m, Rack(rack_hz))
-    wheel = held_wheel(HandWheel(damping_n_m_s=damping_n_m_s), GRIPS[grip])
+    wheel = held_wheel(WheelSettings(damping_n_m_s=damping_n_m_s), GRIPS[grip])
     law = sampled_cdob(road, cycle_s) if has_cdob else PASS_THROUGH
     return sampled_feedback(wheel, road, cycle_s, law)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.hand_wheel.analysis.sampled_laws import zero_order_hold
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
-from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, held_wheel
+from steer_by_wire.hand_wheel.wheel import GRIPS, WheelSettings, held_wheel
 from steer_by_wire.hand_wheel.wheel_step import (
     AT_REST,
     Hands,
@@ -23,7 +23,8 @@ from steer_by_wire.hand_wheel.wheel_step import (
 def params(
     *, friction: float = 0.0, stop: float = inf, step_s: float = 1e-3, sensor: float = 0.0
 ) -> WheelParams:
-    return wheel_params(HandWheel(sensor_n_m_rad=sensor), friction, stop, 20.0, step_s)
+    wheel = WheelSettings(sensor_n_m_rad=sensor, friction_n_m=friction, torque_n_m_max=20.0)
+    return wheel_params(wheel, step_s)._replace(stop_rad=stop)
 
 
 def held(grip: str, torque_n_m: float = 0.0) -> Hands:
@@ -35,7 +36,7 @@ def held(grip: str, torque_n_m: float = 0.0) -> Hands:
 def test_a_cycle_of_steps_moves_a_linear_wheel_as_the_exact_system(
     grip: str, sensor: float, steps: int
 ) -> None:
-    wheel = HandWheel(sensor_n_m_rad=sensor)
+    wheel = WheelSettings(sensor_n_m_rad=sensor)
     exact = zero_order_hold(held_wheel(wheel, GRIPS[grip]), 0.01)
     p = params(step_s=0.01 / steps, sensor=sensor)
 

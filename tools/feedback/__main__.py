@@ -18,11 +18,12 @@ and jitter of 30 %; runs add friction, a patch of ice, jitter from frame to fram
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import product
 from math import inf
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 from rich.table import Table
@@ -36,7 +37,7 @@ from steer_by_wire.closed_loop.scripting.feedback import (
     unstable_round_trips,
 )
 from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
-from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel
+from steer_by_wire.hand_wheel.wheel import GRIPS, WheelSettings
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.plant_emulator.vehicle.motion_parameters import vehicle_params
 from steer_by_wire.runtime.command_line import (
@@ -55,8 +56,6 @@ from steer_by_wire.tools.feedback.frontier_runs import frontier
 
 R = TypeVar("R")
 NAME = "steer-by-wire feedback"
-_LAGGING = "  tyres lag"
-"""A line that shows the line above it with tyres that lag."""
 
 
 class Row(NamedTuple):
@@ -97,12 +96,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--jitter-at", type=_numbers(0.0, 2000.0, "ms"), default=[], metavar="MS,...",
         help="show how much longer than these a round trip may be, from frame to frame",
     )  # fmt: skip
-    wheel, rack, defaults = HandWheel(), Rack(), dict[str, float | None]()
+    wheel, rack, defaults = WheelSettings(), Rack(), dict[str, float | None]()
     for option, default, low, high, unit, what in (
         ("--cycle-ms", 1.0, 1e-3, 100.0, "ms", "cycle of the feedback"),
         ("--damping", wheel.damping_n_m_s, 1e-3, 100.0, "N m s/rad", "damping of the hand wheel"),
         ("--inertia", wheel.inertia_kg_m2, 1e-3, 10.0, "kg m2", "inertia of the hand wheel"),
-        ("--torque-sensor", wheel.sensor_n_m_rad, 0.0, 1e4, "N m/rad", "stiffness; 0: rigid"),
+        ("--torque-sensor", wheel.sensor_n_m_rad, 0.0, 1e3, "N m/rad", "stiffness; 0: rigid"),
         ("--rack-hz", rack.bandwidth_hz, 1e-3, 100.0, "Hz", "bandwidth of the rack's servo"),
         ("--lag-ms", None, 1e-3, 1e3, "ms", "lag of first order in place of that servo"),
         ("--cdob", None, 0.1, 1e3, "rad/s", "bandwidth of a communication disturbance observer"),
@@ -138,7 +137,11 @@ def _run(options: argparse.Namespace, defaults: Mapping[str, float | None]) -> i
         vehicle_params(plant.vehicle)._replace(speed_m_s=km_h / 3.6),
         gradient_n_m,
         Rack(options.rack_hz, lag_s=lag_s),
-        HandWheel(options.inertia, options.damping, sensor_n_m_rad=options.torque_sensor),
+        WheelSettings(
+            inertia_kg_m2=options.inertia,
+            damping_n_m_s=options.damping,
+            sensor_n_m_rad=options.torque_sensor,
+        ),
         options.cycle_ms / 1e3,
         options.torque_noise,
     )
@@ -148,14 +151,19 @@ def _run(options: argparse.Namespace, defaults: Mapping[str, float | None]) -> i
         return _show_frontier(options.frontier, models, title)
     rows = [_rows(options, each, options.torque_gradients) for each in models]
     title = f"first unstable round trip [ms], {options.preset}, cycle {options.cycle_ms:g} ms"
-    speeds = [f"{speed:g} km/h" for speed in options.speeds_km_h]
-    tables = [_loops_table(rows, speeds, title, _first_ms, has_passive=True)]
+    passive = {"passive": lambda row: f"{1e3 * row.passive_s:.0f}"}
+    shown = [(title, _first, passive)]
     for place, at_ms in enumerate(options.jitter_at):
         title = f"tolerated jitter [ms] above a round trip of {at_ms:g} ms"
-        tables.append(_loops_table(rows, speeds, title, partial(_jitter_ms, place)))
-    record = _of_both("loops", [[_record(row) for row in each] for each in rows])
+        shown.append((title, partial(_jitter, place), {}))
+    of_line = ("gradient [N m/rad]", "grip"), [f"{speed:g} km/h" for speed in options.speeds_km_h]
+    tables = [_table(title, *of_line, rows, _words, cell, last) for title, cell, last in shown]
+    loops = [
+        [row._asdict() | {"unstable": [each._asdict() for each in row.unstable]} for row in each]
+        for each in rows
+    ]
     show = partial(plain_console().print, *tables, sep="\n")
-    show_or_write(options.json, {"preset": options.preset, **record}, show)
+    show_or_write(options.json, {"preset": options.preset, **_of_both("loops", loops)}, show)
     if options.plot is not None:
         from steer_by_wire.tools.feedback.picture import draw  # loads matplotlib
 
@@ -214,10 +222,6 @@ def _rows(options: argparse.Namespace, model: Bench, gradients_n_m: Sequence[flo
     return rows
 
 
-def _record(row: Row) -> dict[str, Any]:
-    return row._asdict() | {"unstable": [each._asdict() for each in row.unstable]}
-
-
 def _show_frontier(folder: Path, models: Sequence[Bench], title: str) -> int:
     from steer_by_wire.tools.feedback.picture import draw_frontier  # loads matplotlib
 
@@ -226,22 +230,21 @@ def _show_frontier(folder: Path, models: Sequence[Bench], title: str) -> int:
     folder.mkdir(parents=True, exist_ok=True)  # before a minute's work
     found = [frontier(bench) for bench in models]
     marks = "F, I, J: shakes with friction, ice, jitter"
-    tables = []
-    for what, cell in (
-        (f"felt torque changed by [%], {title}; {marks}", _changed),
-        ("a change of the road felt after [ms]", _late),
-    ):
-        table = plain_table(("law",), [f"{1e3 * at_s:g} ms" for at_s in ROUND_TRIPS_S], what)
-        for lags, points in _lines(found, len(ROUND_TRIPS_S)):
-            table.add_row(_LAGGING if lags else points[0].law, *map(cell, points))
-        tables.append(table)
-    record = [
-        [point._asdict() | {"design": point.design and point.design.settings} for point in points]
-        for points in found
+    trips = [f"{1e3 * at_s:g} ms" for at_s in ROUND_TRIPS_S]
+    tables = [
+        _table(what, ("law",), trips, found, lambda point: (point.law,), cell)
+        for what, cell in (
+            (f"felt torque changed by [%], {title}; {marks}", _changed),
+            ("a change of the road felt after [ms]", _late),
+        )
+    ]
+    points = [
+        [point._asdict() | {"design": point.design and point.design.settings} for point in each]
+        for each in found
     ]
     write_file(folder / "frontier.png", draw_frontier(found, title))
     show = partial(plain_console().print, *tables, sep="\n")
-    written = {"title": title, **_of_both("points", record)}
+    written = {"title": title, **_of_both("points", points)}
     show_or_write(folder / "frontier.json", written, show)
     return ExitStatus.OK
 
@@ -256,46 +259,41 @@ def _late(point: Point) -> str:
     return "never" if point.late_s == inf else f"{1e3 * point.late_s:.0f}"
 
 
-def _loops_table(
-    models: Sequence[Sequence[Row]],
-    speeds: Sequence[str],
-    title: str,
-    cell: Callable[[Row], str],
-    *,
-    has_passive: bool = False,
-) -> Table:
-    """Return a line for each torque gradient and grip, a column for each speed."""
-
-    columns = [*speeds, *["passive"] * has_passive]
-    table = plain_table(("gradient [N m/rad]", "grip"), columns, title)
-    for lags, rows in _lines(models, len(speeds)):
-        gradient, grip = f"{rows[0].torque_gradient_n_m:g}", rows[0].grip.replace("_", " ")
-        passive = [f"{1e3 * rows[0].passive_s:.0f}"] * (has_passive and not lags)
-        table.add_row(
-            "" if lags else gradient, _LAGGING if lags else grip, *map(cell, rows), *passive
-        )
-    return table
+def _first(row: Row) -> str:
+    again = ", again" if row.unstable and row.unstable[0].end_s is not None else ""
+    return f"{1e3 * row.first_s:.1f}{again}" if row.unstable else "never"
 
 
-def _lines(models: Sequence[Sequence[R]], length: int) -> Iterator[tuple[bool, Sequence[R]]]:
-    """Yield the results of each line of a table, and whether their tyres lag.
-
-    ``models``  results with tyres that follow at once, and, a line below, with tyres that lag
-    """
-    for first in range(0, len(models[0]), length):
-        for place, results in enumerate(models):
-            yield place > 0, results[first : first + length]
+def _words(row: Row) -> tuple[str, str]:
+    return f"{row.torque_gradient_n_m:g}", row.grip.replace("_", " ")
 
 
-def _jitter_ms(place: int, row: Row) -> str:
+def _jitter(place: int, row: Row) -> str:
     return f"{1e3 * row.jitter_s[place]:.1f}"
 
 
-def _first_ms(row: Row) -> str:
-    if not row.unstable:
-        return "never"
-    again = "" if row.unstable[0].end_s is None else ", again"
-    return f"{1e3 * row.first_s:.1f}{again}"
+def _table(
+    title: str,
+    headings: Sequence[str],
+    columns: Sequence[str],
+    models: Sequence[Sequence[R]],
+    words: Callable[[R], Sequence[str]],
+    cell: Callable[[R], str],
+    last: Mapping[str, Callable[[R], str]] = MappingProxyType({}),
+) -> Table:
+    """Return a table with a line for as many results as it has ``columns``, ``words`` before them.
+
+    ``models``  results with tyres that follow at once and, a line below, with tyres that lag
+    ``last``    a column more, by its heading, without a value for tyres that lag
+    """
+    table, lagging = plain_table(headings, [*columns, *last], title), ["", "  tyres lag"]
+    for first in range(0, len(models[0]), len(columns)):
+        for place, results in enumerate(models):
+            line = results[first : first + len(columns)]
+            before = lagging[-len(headings) :] if place else words(line[0])
+            after = [more(line[0]) for more in last.values()] if not place else ()
+            table.add_row(*before, *map(cell, line), *after)
+    return table
 
 
 def _numbers(low: float, high: float, unit: str) -> Any:

@@ -11,8 +11,8 @@ road's own without a bus, RMS over BAND_HZ; ``late_s`` is when 63 % of a change 
 have reached a hand that holds still, for good. Passivity is that of a controller, found by runs.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property, lru_cache, partial
 from itertools import islice, product
 from math import inf, pi, radians, sqrt
 from operator import itemgetter
@@ -38,7 +38,7 @@ from steer_by_wire.hand_wheel.analysis.sampled_laws import (
     sampled_cdob,
     sampled_dob,
 )
-from steer_by_wire.hand_wheel.wheel import GRIPS, HandWheel, LinearSystem, held_wheel
+from steer_by_wire.hand_wheel.wheel import GRIPS, LinearSystem, WheelSettings, held_wheel
 from steer_by_wire.plant_emulator.vehicle.car.settings import CarSettings
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 
@@ -71,7 +71,7 @@ class Bench(NamedTuple):
     vehicle: VehicleParams
     gradient_n_m: float
     rack: Rack
-    wheel: HandWheel
+    wheel: WheelSettings
     cycle_s: float
     noise_n_m: float
     car: CarSettings | None = None
@@ -167,8 +167,8 @@ class Candidate:
         late = by_road * np.exp(-1j * BAND_RAD_S * round_trip_s)
         worst = 0.0, 0.0
         for factor in GRADIENT_FACTORS:
-            ideal = _sent(self._bench, factor)
-            road = late * _sent(self._bench, 0.0 if self.design.is_spring else factor)
+            ideal = road_response(self._bench, factor)
+            road = late * road_response(self._bench, 0.0 if self.design.is_spring else factor)
             felt = (local + road) / (1.0 - by_driver)
             share = rms(local) / (rms(local) + rms(road))
             worst = max(worst, (rms(felt - ideal) / rms(ideal), share))
@@ -234,30 +234,30 @@ def damped(
     bench: Bench, law: SampledLaw, words: str, dampings_n_m_s: Iterable[float]
 ) -> Iterator[Design]:
     """Yield a law with each damping that the noise allows, its rate filtered little."""
-    undamped = responses(law, _noise_omegas(bench), bench.cycle_s)[0]
     for damping in dampings_n_m_s:
         if not damping:
             yield Design(f"{words}no damping", law)
             continue
-        for cutoff in _RATE_CUTOFFS_RAD_S.tolist():
-            local = PASS_THROUGH.with_damping(damping, cutoff, bench.cycle_s)
-            by_angle = undamped + responses(local, _noise_omegas(bench), bench.cycle_s)[0]
-            if torque_noise_n_m(bench, by_angle) <= bench.noise_n_m:
-                settings = f"{words}{damping:.2g} N m s/rad ({cutoff:.0f} rad/s)"
-                yield Design(settings, law.with_damping(damping, cutoff, bench.cycle_s))
-                break
+        by_rate = partial(law.with_damping, damping, bench.cycle_s)
+        for cutoff, quiet in _quiet(bench, by_rate):
+            yield Design(f"{words}{damping:.2g} N m s/rad ({cutoff:.0f} rad/s)", quiet)
 
 
 def _observed(bench: Bench) -> Iterator[Design]:
-    inertia, omegas = bench.wheel.inertia_kg_m2, _noise_omegas(bench)
     for factor, damping in product((0.3, 1.0), _DAMPINGS_N_M_S[1:]):
-        for cutoff in _RATE_CUTOFFS_RAD_S.tolist():
-            law = sampled_dob(factor * inertia, damping, bench.cycle_s, cutoff)
-            by_angle = responses(law, omegas, bench.cycle_s)[0]
-            if torque_noise_n_m(bench, by_angle) <= bench.noise_n_m:
-                settings = f"{cutoff:.0f} rad/s, {factor:g} J, {damping:.2g} N m s/rad"
-                yield Design(settings, law)
-                break
+        inertia = factor * bench.wheel.inertia_kg_m2
+        for cutoff, law in _quiet(bench, partial(sampled_dob, inertia, damping, bench.cycle_s)):
+            yield Design(f"{cutoff:.0f} rad/s, {factor:g} J, {damping:.2g} N m s/rad", law)
+
+
+def _quiet(
+    bench: Bench, law_of: Callable[[float], SampledLaw]
+) -> Iterator[tuple[float, SampledLaw]]:
+    """Yield the largest cutoff [rad/s] at which a law is no noisier than it may be, and the law."""
+    for cutoff in _RATE_CUTOFFS_RAD_S.tolist():
+        if torque_noise_n_m(bench, law := law_of(cutoff)) <= bench.noise_n_m:
+            yield cutoff, law
+            return
 
 
 def passivity_controllers(bench: Bench) -> Iterator[Design]:
@@ -271,15 +271,13 @@ def passivity_controllers(bench: Bench) -> Iterator[Design]:
             yield Design(words, law, passive_n_m_s=(least, most))
 
 
-def torque_noise_n_m(bench: Bench, by_angle: NDArray[np.complex128]) -> float:
+def torque_noise_n_m(bench: Bench, law: SampledLaw) -> float:
     """Return the torque that the encoder's steps make behind the motor's lag, RMS [N m]."""
-    lag = 1.0 + 1j * _noise_omegas(bench) * bench.wheel.motor_lag_s
-    return ENCODER_STEP_RAD / sqrt(12.0) * rms(by_angle / lag)
-
-
-def _noise_omegas(bench: Bench) -> NDArray[np.float64]:
-    """Return frequencies up to half of the sampling's [rad/s]."""
-    return (np.arange(_NOISE_FREQUENCIES) + 0.5) * pi / bench.cycle_s / _NOISE_FREQUENCIES
+    shares = (np.arange(_NOISE_FREQUENCIES) + 0.5) / _NOISE_FREQUENCIES
+    omegas = shares * pi / bench.cycle_s  # up to half of the sampling's
+    by_angle = responses(law, omegas, bench.cycle_s)[0]
+    behind = by_angle / (1.0 + 1j * omegas * bench.wheel.motor_lag_s)
+    return ENCODER_STEP_RAD / sqrt(12.0) * rms(behind)
 
 
 def responses(
@@ -293,13 +291,11 @@ def responses(
 
 
 @lru_cache
-def _sent(bench: Bench, factor: float) -> NDArray[np.complex128]:
-    """Return the road's torque at a multiple of the gradient, or for 0 that of a spring."""
-    return road_response(bench.road(factor) if factor else bench.spring(), bench.cycle_s)
+def road_response(bench: Bench, factor: float) -> NDArray[np.complex128]:
+    """Return the road's torque by the wheel's angle over BAND_RAD_S, without a bus.
 
-
-def road_response(road: LinearSystem, cycle_s: float) -> NDArray[np.complex128]:
-    """Return the road's torque by the wheel's angle over BAND_RAD_S, without a bus."""
-    by_angle: NDArray[np.complex128]
-    by_angle, _, _ = responses(model_alone(road, cycle_s), BAND_RAD_S, cycle_s)
+    ``factor``  times the gradient; 0: that of a spring
+    """
+    road = model_alone(bench.road(factor) if factor else bench.spring(), bench.cycle_s)
+    by_angle: NDArray[np.complex128] = responses(road, BAND_RAD_S, bench.cycle_s)[0]
     return by_angle

@@ -10,7 +10,7 @@ import pytest
 from steer_by_wire.closed_loop.pair.pair_result import rms
 from steer_by_wire.closed_loop.scripting.feedback import Rack, unstable_round_trips
 from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob, sampled_dob
-from steer_by_wire.hand_wheel.wheel import HandWheel
+from steer_by_wire.hand_wheel.wheel import WheelSettings
 from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 from steer_by_wire.tools.feedback import __main__ as program
 from steer_by_wire.tools.feedback import frontier, frontier_runs
@@ -19,9 +19,9 @@ from steer_by_wire.tools.feedback.frontier_runs import Column, changed_in_runs, 
 
 SEDAN = VehicleParams(80 / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
 CYCLE_S = 0.005
-BENCH = Bench(SEDAN, 6.0, Rack(), HandWheel(), CYCLE_S, 0.05)
+BENCH = Bench(SEDAN, 6.0, Rack(), WheelSettings(), CYCLE_S, 0.05)
 LAWS = {
-    "damping": PASS_THROUGH.with_damping(0.4, 300.0, CYCLE_S),
+    "damping": PASS_THROUGH.with_damping(0.4, CYCLE_S, 300.0),
     "cdob": sampled_cdob(BENCH.road(), CYCLE_S),
     "dob": sampled_dob(0.035, 0.5, CYCLE_S, 40.0),
 }
@@ -41,7 +41,7 @@ def test_a_dob_gives_the_wheel_the_damping_it_is_told() -> None:
     by_angle, by_road, by_driver = responses(
         sampled_dob(inertia, damping, 1e-3, 200.0), omegas, 1e-3
     )
-    own = s * (HandWheel().inertia_kg_m2 * s + HandWheel().damping_n_m_s)
+    own = s * (WheelSettings().inertia_kg_m2 * s + WheelSettings().damping_n_m_s)
     felt = (by_angle + by_driver * own) / (1.0 - by_driver) + own
     assert felt == pytest.approx(s * (inertia * s + damping), rel=0.02)
     assert by_road / (1.0 - by_driver) == pytest.approx(np.ones(2), abs=0.01)
@@ -51,7 +51,7 @@ def test_the_change_of_the_felt_torque_is_that_of_a_run() -> None:
     for name in ("damping", "cdob"):
         law, at_s = LAWS[name], 0.05
         by_angle, by_road, _ = responses(law, BAND_RAD_S, CYCLE_S)
-        ideal = frontier.road_response(BENCH.road(), CYCLE_S)
+        ideal = frontier.road_response(BENCH, 1.0)
         felt = by_angle + by_road * ideal * np.exp(-1j * BAND_RAD_S * at_s)
         exact = rms(felt - ideal) / rms(ideal)
         assert changed_in_runs(BENCH, [Column(Design("", law), 1.0, at_s)])[0] == pytest.approx(
