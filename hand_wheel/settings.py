@@ -10,7 +10,7 @@ from ..dbc.codec.counter_rule import CounterRule
 from ..runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
 from ..runtime.settings import Settings, SharedTable, read_table
-from .analysis.nominal_road import Rack, RoadVehicle, road_torque
+from .analysis.nominal_road import OF_VEHICLE, Rack, road_torque, road_vehicle
 from .cycle import CycleParams
 from .driver import BLIND, DriverParams, Kick, TwoPointParams
 from .feedback_laws import FEEDBACK_LAWS, FeedbackParams
@@ -79,7 +79,7 @@ class NominalModelSettings(Settings):
     actuator_lag_s: float = Field(0.0, ge=0.0, le=10.0)
     trail_m: float = Field(0.05, gt=0.0, le=0.5)
     arm_m: float = Field(0.14, ge=1e-3, le=2.0)
-    of_vehicle: ClassVar = (*RoadVehicle._fields, "preview_distance_m")
+    of_vehicle: ClassVar = (*OF_VEHICLE, "preview_distance_m")
     """Keys that the plant's [vehicle] has too."""
 
 
@@ -160,10 +160,9 @@ class HandWheelSettings(Settings):
     @property
     def nominal_way(self) -> LinearSystem:
         """Nominal system from hand wheel angle to the road's torque, without a bus."""
-        model = self.nominal_model
-        vehicle = RoadVehicle(*(getattr(model, name) for name in RoadVehicle._fields))
+        model, gradient_n_m = self.nominal_model, self.feedback.torque_gradient_n_m
         rack = Rack(lag_s=max(model.actuator_lag_s, _LAG_S_MIN))
-        return road_torque(vehicle, self.feedback.torque_gradient_n_m, rack)
+        return road_torque(road_vehicle(model), gradient_n_m, rack)
 
     @property
     def feedback_params(self) -> FeedbackParams:

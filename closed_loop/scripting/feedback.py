@@ -25,8 +25,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ...controller.analysis import linear_system
-from ...hand_wheel.analysis.nominal_road import Rack, RoadVehicle
-from ...hand_wheel.analysis.nominal_road import road_torque as nominal_road_torque
+from ...hand_wheel.analysis.nominal_road import Rack, road_torque, road_vehicle
 from ...hand_wheel.analysis.sampled_laws import (
     PASS_THROUGH,
     SampledLaw,
@@ -37,12 +36,8 @@ from ...hand_wheel.analysis.sampled_laws import (
 from ...hand_wheel.settings import HandWheelSettings
 from ...hand_wheel.wheel import GRIPS, LinearSystem, Matrix, held_wheel, sensed_torque
 from ...plant_emulator.settings import PlantSettings
-from ...plant_emulator.vehicle.car.settings import CarSettings
-from ...plant_emulator.vehicle.motion_parameters import vehicle_params
-from ...plant_emulator.vehicle.single_track_model import VehicleParams
 from ...runtime.array_types import ComplexArray
 
-__all__ = ["Rack", "road_torque"]
 UP_TO_S = 2.0
 """The longest round trip that is looked at."""
 _FREQUENCY_MIN_RAD_S = 1e-3
@@ -178,18 +173,6 @@ def _response_of(loop: SampledFeedback) -> Callable[[Matrix], ComplexArray]:
     return lambda omegas_rad_s: response(np.exp(1j * omegas_rad_s * loop.cycle_s))[0]
 
 
-def road_torque(
-    vehicle: VehicleParams, torque_gradient_n_m: float, rack: Rack, car: CarSettings | None = None
-) -> LinearSystem:
-    """Return the system from hand wheel angle [rad] to torque against it [N m].
-
-    ``car``  whose tyres need a way to build up their force
-    """
-    known = RoadVehicle(*(getattr(vehicle, name) for name in RoadVehicle._fields))
-    relaxation_m = (0.0, 0.0) if car is None else (car.front_relaxation_m, car.rear_relaxation_m)
-    return nominal_road_torque(known, torque_gradient_n_m, rack, relaxation_m)
-
-
 def spring_torque(road: LinearSystem, gradient_n_m: float) -> LinearSystem:
     """Return a road whose torque is that of a spring, which the road wheels stretch."""
     of_wheel = np.zeros(len(road.c))
@@ -209,8 +192,11 @@ def feedback_loop(
     law = wheel.feedback
     if law.law == "model":
         return None
-    rack, vehicle = Rack(lag_s=max(plant.actuator.lag_s, 1e-6)), vehicle_params(plant.vehicle)
-    road = road_torque(vehicle, law.torque_gradient_n_m, rack, plant.car)
+    rack, vehicle = (
+        Rack(lag_s=max(plant.actuator.lag_s, 1e-6)),
+        road_vehicle(plant.vehicle, plant.car),
+    )
+    road = road_torque(vehicle, law.torque_gradient_n_m, rack)
     if law.law == "spring":
         road = spring_torque(road, law.torque_gradient_n_m)
     damping_n_m_s = wheel.wheel.damping_n_m_s + law.damping_n_m_s + added_n_m_s
@@ -243,28 +229,25 @@ def friction_threshold(
 
     ``round_trip_s``  a whole number of cycles
     """
-    friction_n_m, (low, high) = wheel.wheel.friction_n_m, _DAMPINGS_N_M_S
-    lightest, at_margin = (feedback_loop(plant, wheel, each) for each in (low, high))
-    if lightest is None or at_margin is None or not friction_n_m:
-        return None
-    if not _shakes(lightest, round_trip_s) or _shakes(at_margin, round_trip_s):
+    (low, high), friction_n_m = _DAMPINGS_N_M_S, wheel.wheel.friction_n_m
+
+    def shakes(added_n_m_s: float) -> bool:
+        loop = feedback_loop(plant, wheel, added_n_m_s)
+        return loop is not None and is_unstable_at(
+            unstable_round_trips(loop, round_trip_s), round_trip_s
+        )
+
+    if not friction_n_m or not shakes(low) or shakes(high):
         return None
     for _ in range(_DAMPING_BISECTIONS):
         middle = sqrt(low * high)
-        loop = feedback_loop(plant, wheel, middle)
-        if loop is None or _shakes(loop, round_trip_s):
-            low = middle
-        else:
-            high, at_margin = middle, loop
-    crossings = list(_crossings(at_margin, round_trip_s + at_margin.cycle_s))
+        low, high = (middle, high) if shakes(middle) else (low, middle)
+    margin = feedback_loop(plant, wheel, high)
+    crossings = [] if margin is None else [*_crossings(margin, round_trip_s + margin.cycle_s)]
     if not crossings:  # at no delay the crossing may lie just below it
         return None
     _, _, omega_rad_s = min(crossings, key=lambda each: abs(each[0] - round_trip_s))
     return Threshold(4.0 * friction_n_m / (pi * high * omega_rad_s), omega_rad_s / (2.0 * pi))
-
-
-def _shakes(loop: SampledFeedback, round_trip_s: float) -> bool:
-    return is_unstable_at(unstable_round_trips(loop, round_trip_s), round_trip_s)
 
 
 def computed_text(plant: PlantSettings, wheel: HandWheelSettings) -> str:

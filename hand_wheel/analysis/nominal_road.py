@@ -20,7 +20,7 @@ what is tested on it.
 """
 
 from math import pi
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Rack(NamedTuple):
 
 
 class RoadVehicle(NamedTuple):
-    """The symbols above, for one vehicle at one speed."""
+    """The symbols above, for one vehicle at one speed; both relaxation lengths, or neither."""
 
     speed_m_s: float
     virtual_mass_kg: float
@@ -48,21 +48,31 @@ class RoadVehicle(NamedTuple):
     rear_cornering_stiffness_n_rad: float
     front_axle_distance_m: float
     rear_axle_distance_m: float
+    front_relaxation_m: float = 0.0
+    rear_relaxation_m: float = 0.0
 
 
-def road_torque(
-    vehicle: RoadVehicle,
-    torque_gradient_n_m: float,
-    rack: Rack,
-    relaxation_m: tuple[float, float] = (0.0, 0.0),
-) -> LinearSystem:
+OF_VEHICLE = tuple(it for it in RoadVehicle._fields if it not in RoadVehicle._field_defaults)
+
+
+def road_vehicle(table: Any, tyres: Any = None) -> RoadVehicle:
+    """Return the vehicle of settings that have its names.
+
+    ``tyres``  settings with the relaxation lengths; None: the tyres follow at once
+    """
+    vehicle = RoadVehicle(*(getattr(table, name) for name in OF_VEHICLE))
+    lagging = (
+        {} if tyres is None else {it: getattr(tyres, it) for it in RoadVehicle._field_defaults}
+    )
+    return vehicle._replace(**lagging)
+
+
+def road_torque(vehicle: RoadVehicle, torque_gradient_n_m: float, rack: Rack) -> LinearSystem:
     """Return the system from hand wheel angle [rad] to torque against it [N m].
 
     Its states are δ, for a servo of second order δ', β and r, and α_f and α_r with relaxation.
-
-    ``relaxation_m``  of the front and the rear tyres, both or neither
     """
-    v, m, j, c_f, c_r, l_f, l_r = vehicle
+    v, m, j, c_f, c_r, l_f, l_r, *relaxation_m = vehicle
     by_front = np.array([c_f / (m * v), c_f * l_f / j])
     slip = np.array([-1.0, -l_f / v])
     servo = _servo(rack)

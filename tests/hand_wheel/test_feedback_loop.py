@@ -11,28 +11,26 @@ from hypothesis import strategies as st
 from steer_by_wire import SettingsError, feedback_stability, sweep
 from steer_by_wire.closed_loop.pair.with_hand_wheel import with_hand_wheel
 from steer_by_wire.closed_loop.scripting.feedback import (
-    Rack,
     SampledFeedback,
     feedback_loop,
     is_unstable_at,
-    road_torque,
     sampled_feedback,
     tolerated_jitter_s,
     unstable_round_trips,
 )
 from steer_by_wire.closed_loop.scripting.simulate import settings_of
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.hand_wheel.analysis.nominal_road import Rack, RoadVehicle, road_torque
 from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS, WheelSettings, held_wheel
 from steer_by_wire.plant_emulator.settings import plant_preset
-from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 
 UP_TO_S = 1.6
 
 
-def sedan(speed_km_h: float) -> VehicleParams:
-    return VehicleParams(speed_km_h / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
+def sedan(speed_km_h: float) -> RoadVehicle:
+    return RoadVehicle(speed_km_h / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55)
 
 
 def loop_of(

@@ -23,7 +23,7 @@ from steer_by_wire.closed_loop.compiled.hand_wheel import Wheel
 from steer_by_wire.closed_loop.pair.with_hand_wheel import with_hand_wheel
 from steer_by_wire.closed_loop.scripting import feedback
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.hand_wheel.analysis.nominal_road import RoadVehicle
+from steer_by_wire.hand_wheel.analysis.nominal_road import OF_VEHICLE
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.hand_wheel.wheel import GRIPS
 from steer_by_wire.plant_emulator.settings import PlantSettings
@@ -110,7 +110,8 @@ def settings_of(
     loop: Loop, gradient_n_m: float, kick_n_m: float = 1.5, friction_n_m: float = 0.0
 ) -> tuple[PlantSettings, HandWheelSettings]:
     """Return the settings of both nodes; the driver kicks the wheel once."""
-    vehicle = RoadVehicle(loop.speed_m_s, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55)._asdict()
+    values = loop.speed_m_s, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55
+    vehicle = dict(zip(OF_VEHICLE, values, strict=True))
     cycle_s = loop.cycle_ms / 1e3
     # A torque sensor swings fast, and a swing below a step of the signals is not felt.
     short = 4.0 if loop.sensor_n_m_rad else 1.0

@@ -31,15 +31,14 @@ from rich.table import Table
 from steer_by_wire.closed_loop.reports.terminal import plain_console, plain_table
 from steer_by_wire.closed_loop.scripting.feedback import (
     UP_TO_S,
-    Rack,
     UnstableRange,
     tolerated_jitter_s,
     unstable_round_trips,
 )
+from steer_by_wire.hand_wheel.analysis.nominal_road import Rack, road_vehicle
 from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob
 from steer_by_wire.hand_wheel.wheel import GRIPS, WheelSettings
 from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
-from steer_by_wire.plant_emulator.vehicle.motion_parameters import vehicle_params
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
     command_parser,
@@ -134,7 +133,7 @@ def _run(options: argparse.Namespace, defaults: Mapping[str, float | None]) -> i
     gradient_n_m, km_h = _middle(options.torque_gradients), _middle(options.speeds_km_h)
     lag_s = None if options.lag_ms is None else options.lag_ms / 1e3
     bench = Bench(
-        vehicle_params(plant.vehicle)._replace(speed_m_s=km_h / 3.6),
+        road_vehicle(plant.vehicle)._replace(speed_m_s=km_h / 3.6),
         gradient_n_m,
         Rack(options.rack_hz, lag_s=lag_s),
         WheelSettings(
@@ -145,7 +144,8 @@ def _run(options: argparse.Namespace, defaults: Mapping[str, float | None]) -> i
         options.cycle_ms / 1e3,
         options.torque_noise,
     )
-    models = [bench] if plant.car is None else [bench, bench._replace(car=plant.car)]
+    lagging = road_vehicle(plant.vehicle, plant.car)._replace(speed_m_s=km_h / 3.6)
+    models = [bench] if plant.car is None else [bench, bench._replace(vehicle=lagging)]
     if options.frontier is not None:
         title = f"{options.preset}, {gradient_n_m:g} N m/rad, {km_h:g} km/h"
         return _show_frontier(options.frontier, models, title)

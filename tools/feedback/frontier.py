@@ -23,14 +23,13 @@ from numpy.typing import NDArray
 
 from steer_by_wire.closed_loop.pair.pair_result import rms
 from steer_by_wire.closed_loop.scripting.feedback import (
-    Rack,
     SampledFeedback,
     UnstableRange,
-    road_torque,
     sampled_feedback,
     spring_torque,
     unstable_round_trips,
 )
+from steer_by_wire.hand_wheel.analysis.nominal_road import Rack, RoadVehicle, road_torque
 from steer_by_wire.hand_wheel.analysis.sampled_laws import (
     PASS_THROUGH,
     SampledLaw,
@@ -39,8 +38,6 @@ from steer_by_wire.hand_wheel.analysis.sampled_laws import (
     sampled_dob,
 )
 from steer_by_wire.hand_wheel.wheel import GRIPS, LinearSystem, WheelSettings, held_wheel
-from steer_by_wire.plant_emulator.vehicle.car.settings import CarSettings
-from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 
 ROUND_TRIPS_S = (0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 GRADIENT_FACTORS = (0.6, 1.0, 1.4)
@@ -64,17 +61,15 @@ _NOISE_FREQUENCIES = 300
 class Bench(NamedTuple):
     """What every law is tried on; ``noise_n_m`` is the torque noise that it may make, RMS.
 
-    ``car``   whose tyres lag; None: they do not
     ``grip``  one of GRIPS
     """
 
-    vehicle: VehicleParams
+    vehicle: RoadVehicle
     gradient_n_m: float
     rack: Rack
     wheel: WheelSettings
     cycle_s: float
     noise_n_m: float
-    car: CarSettings | None = None
     grip: str = "hands_off"
 
     def road(self, factor: float = 1.0, grip: float = 1.0) -> LinearSystem:
@@ -84,7 +79,7 @@ class Bench(NamedTuple):
             front_cornering_stiffness_n_rad=grip * vehicle.front_cornering_stiffness_n_rad,
             rear_cornering_stiffness_n_rad=grip * vehicle.rear_cornering_stiffness_n_rad,
         )
-        return road_torque(vehicle, factor * grip * self.gradient_n_m, self.rack, self.car)
+        return road_torque(vehicle, factor * grip * self.gradient_n_m, self.rack)
 
     def spring(self, grip: float = 1.0) -> LinearSystem:
         """Return the torque of a spring that the road wheels stretch; all of it is nominal."""

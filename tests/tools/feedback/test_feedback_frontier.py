@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.pair.pair_result import rms
-from steer_by_wire.closed_loop.scripting.feedback import Rack, unstable_round_trips
+from steer_by_wire.closed_loop.scripting.feedback import unstable_round_trips
+from steer_by_wire.hand_wheel.analysis.nominal_road import Rack, RoadVehicle
 from steer_by_wire.hand_wheel.analysis.sampled_laws import PASS_THROUGH, sampled_cdob, sampled_dob
 from steer_by_wire.hand_wheel.wheel import WheelSettings
-from steer_by_wire.plant_emulator.vehicle.single_track_model import VehicleParams
 from steer_by_wire.tools.feedback import __main__ as program
 from steer_by_wire.tools.feedback import frontier, frontier_runs
 from steer_by_wire.tools.feedback.frontier import BAND_RAD_S, Bench, Design, responses
 from steer_by_wire.tools.feedback.frontier_runs import Column, changed_in_runs, settle
 
-SEDAN = VehicleParams(80 / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55, 0.0)
+SEDAN = RoadVehicle(80 / 3.6, 1750.0, 2900.0, 110e3, 150e3, 1.25, 1.55)
 CYCLE_S = 0.005
 BENCH = Bench(SEDAN, 6.0, Rack(), WheelSettings(), CYCLE_S, 0.05)
 LAWS = {
