@@ -27,7 +27,7 @@ from steer_by_wire.closed_loop.identification.columns import (
     read_columns,
 )
 from steer_by_wire.closed_loop.identification.delay_margin import DelayMargin, delay_margin
-from steer_by_wire.closed_loop.identification.figures import Verdict
+from steer_by_wire.closed_loop.identification.figures import TOLD, Verdict
 from steer_by_wire.closed_loop.identification.fit import Stopped
 from steer_by_wire.closed_loop.identification.identified import (
     Doubt,
@@ -65,18 +65,6 @@ from steer_by_wire.runtime.program.report import json_text
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 
 NAME = "steer-by-wire identify"
-_MEASURED = {
-    "front_axle_distance_m": "weigh the axles, and tell it by --known",
-    "steering_ratio": "look it up, and tell it by --known",
-    "wheelbase_m": "measure it, and tell it by --known",
-}
-_TOLD = {
-    "steering_ratio": "steering_ratio",
-    "wheelbase_m": "wheelbase_m",
-    "front_axle_distance_m": "front_axle_distance_m",
-    "yaw_inertia_per_mass_m2": "mass_kg and yaw_inertia_kg_m2",
-}
-"""What ``--known`` takes, by the figure that asks for it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -223,10 +211,11 @@ def _advice(margin: DelayMargin | None, found: Identification) -> list[str]:
             f" [{1e3 * own.low:.0f}, {1e3 * own.high:.0f}]"
         )
     if margin.share > 0.5:
-        how = _MEASURED.get(margin.narrows, "drive more of it")
+        _, how = TOLD.get(margin.narrows, ("", "drive more of it"))
         lines.append(f"most of that interval comes from {margin.narrows}: {how}")
     lacking = {partner for one in found.figures for partner in one.partners}
-    if tell := ", ".join(text for name, text in _TOLD.items() if name in lacking):
+    lacking |= {margin.narrows} if margin.share > 0.5 else set()
+    if tell := ", ".join(keys for name, (keys, _) in TOLD.items() if name in lacking):
         lines.append(f"next: tell by --known, as far as it is known: {tell}")
     wanted = {one.note for one in found.figures if one.verdict is Verdict.NOT_IDENTIFIABLE}
     # A drive that another one begins with is not told twice.

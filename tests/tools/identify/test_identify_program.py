@@ -106,7 +106,6 @@ def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
         ("missing.csv", "missing.csv"),
         ("missing.csv --controller nix", "nix"),
         ("drive.csv --dialect early.toml", "leave it out"),
-        (f"{__file__} --out early.toml", "is a file"),
         ("drive.csv --known early.toml", "needs mass_kg"),
         ("drive.csv --known named.toml", "mass_kg"),
         ("drive.csv early.toml", "early.toml: is not a table of time series, but drive.csv"),
