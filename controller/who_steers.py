@@ -72,10 +72,11 @@ class SteeringRule(NamedTuple):
 
 
 class Steering(NamedTuple):
-    """Who steers, and when the driver's torque last was that of a hand [ns]."""
+    """Who steers, when the driver's torque last was that of a hand [ns], and the assist's share."""
 
     steered_by: int
     held_ns: int
+    share: float
 
 
 def steering_rule(table: HandWheelSettings, period_s: float) -> SteeringRule:
@@ -103,34 +104,35 @@ def steering_step(
     ``torque_n_m``  of the driver, and ``age_ns`` of the message with it; NEVER_NS: there was none
     ``can_steer``   whether the law can
     """
+    steered_by, held_ns = _who_steers(p, x, abs(torque_n_m), age_ns, now_ns, can_steer)
+    share = min(x.share + p.step, 1.0) if steered_by == _BOTH else max(x.share - p.step, 0.0)
+    return Steering(steered_by, held_ns, share)
+
+
+def _who_steers(
+    p: SteeringRule, x: Steering, torque_n_m: float, age_ns: int, now_ns: int, can_steer: bool
+) -> tuple[int, int]:
     if age_ns > p.timeout_ns:
-        return Steering(_LAW, now_ns)
+        return _LAW, now_ns
     if p.always != _BY_TORQUE:
-        return Steering(p.always, now_ns)
-    torque_n_m = abs(torque_n_m)
+        return p.always, now_ns
     if x.steered_by != _DRIVER:
         takes_over = torque_n_m >= p.take_over_n_m or not can_steer
-        return Steering(_DRIVER if takes_over else p.rested, now_ns)
+        return (_DRIVER if takes_over else p.rested), now_ns
     if torque_n_m > p.hands_off_n_m:
-        return Steering(_DRIVER, now_ns)
+        return _DRIVER, now_ns
     hands_back = can_steer and now_ns - x.held_ns >= p.hand_back_ns
-    return Steering(p.rested, now_ns) if hands_back else x
+    return (p.rested, now_ns) if hands_back else (_DRIVER, x.held_ns)
 
 
-def assist_step(
-    p: SteeringRule,
-    share: float,
-    assists: bool,
-    wanted_rad: float,
-    angle_rad: float,
-    rate_rad_s: float,
-) -> tuple[float, float]:
-    """Return share and torque of the law on the hand wheel [N m], to the left positive.
+def assist_n_m(
+    p: SteeringRule, x: Steering, wanted_rad: float, angle_rad: float, rate_rad_s: float
+) -> float:
+    """Return the torque of the law on the hand wheel, to the left positive.
 
-    ``assists``    whether the law does, towards its command ``wanted_rad``
-    ``angle_rad``  of the hand wheel, and its rate ``rate_rad_s``
+    ``wanted_rad``  its command
+    ``angle_rad``   of the hand wheel, and its rate ``rate_rad_s``
     """
-    share = min(share + p.step, 1.0) if assists else max(share - p.step, 0.0)
-    lack_rad = p.ratio * wanted_rad - angle_rad if assists else 0.0
+    lack_rad = p.ratio * wanted_rad - angle_rad if x.steered_by == _BOTH else 0.0
     torque_n_m = p.gain_n_m * lack_rad - p.damping_n_m_s * rate_rad_s
-    return share, share * min(max(torque_n_m, -p.torque_n_m_max), p.torque_n_m_max)
+    return x.share * min(max(torque_n_m, -p.torque_n_m_max), p.torque_n_m_max)

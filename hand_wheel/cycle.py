@@ -19,7 +19,7 @@ from .feedback_laws import (
     feedback_step,
     resist,
 )
-from .wheel_step import Hands
+from .wheel_step import Hands, WheelState
 
 _ACTIVE, _HOLDING = int(Mode.ACTIVE), int(Mode.HOLDING)
 
@@ -49,6 +49,7 @@ class CycleInput(NamedTuple):
     ``late_rad``   angle that the driver wished by sight, a reaction time ago
     ``holds``      whether the driver's hands are on the wheel
     ``drives``     whether the driver steers, alone or together with the law
+    ``wheel_rad``  angle of the road wheels
     ``mode``       Mode, as a number; ``share`` is the law's share of the torque
     """
 
@@ -57,7 +58,9 @@ class CycleInput(NamedTuple):
     kick_n_m: float
     holds: bool
     drives: bool
-    observed: FeedbackInput
+    wheel: WheelState
+    rack_force_n: float
+    wheel_rad: float
     ratio: float
     order_n_m: float
     mode: int
@@ -80,18 +83,18 @@ CYCLE_AT_REST = CycleState(DRIVER_AT_REST, FEEDBACK_AT_REST, 0.0)
 
 def cycle_step(p: CycleParams, x: CycleState, u: CycleInput) -> tuple[CycleState, Hands, float]:
     """Return the state a cycle later, what his hands do, and what the motor is told [N m]."""
-    observed, share = u.observed, u.share
-    angle_rad, rate_rad_s = observed.angle_rad, observed.rate_rad_s
+    angle_rad, rate_rad_s, _, driver_n_m, _, _ = u.wheel
+    observed = FeedbackInput(angle_rad, rate_rad_s, u.rack_force_n, u.wheel_rad, driver_n_m)
     driver, hands = driver_step(
         p.driver, x.driver, u.late_rad, u.sight, angle_rad, u.kick_n_m, u.holds, u.drives
     )
-    feedback, law_n_m = x.feedback, x.law_n_m
+    feedback, law_n_m, share = x.feedback, x.law_n_m, u.share
     if share > 0.0 or u.mode == _ACTIVE or u.mode == _HOLDING:
         feedback, against_n_m = feedback_step(p.law, p.feedback, feedback, observed)
         feedback, law_n_m = resist(p.feedback, feedback, against_n_m, rate_rad_s)
     felt_n_m = law_n_m
     if not u.drives:
-        lack_rad = u.ratio * observed.wheel_rad - angle_rad
+        lack_rad = u.ratio * u.wheel_rad - angle_rad
         felt_n_m = p.servo_n_m * lack_rad - p.servo_n_m_s * rate_rad_s
     local_n_m = -p.fallback_damping_n_m_s * rate_rad_s
     told_n_m = share * felt_n_m + u.order_n_m + (1.0 - share) * local_n_m

@@ -13,7 +13,6 @@ He sees what the bus brings of the path, LATERAL_ERROR and VEHICLE_STATE, as one
 afar. While the law steers, he rests his hands, and his wish is the angle that the wheel has.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -86,22 +85,6 @@ class Sight(NamedTuple):
     curvature_1_m: float
     speed_m_s: float
     preview_m: float
-
-
-class ReactionTime:
-    """Wishes within the reaction time; while his hands rest, he forgets them."""
-
-    def __init__(self, cycles: int) -> None:
-        self._wishes = deque([0.0] * max(cycles, 1), max(cycles, 1))
-
-    def pass_on(self, x: DriverState) -> None:
-        """Store the newest wish, and forget the oldest."""
-        self._wishes.extend([x.by_sight_rad] * (len(self._wishes) if x.rests else 1))
-
-    @property
-    def oldest_rad(self) -> float:
-        """The wish that reaches his arms now."""
-        return self._wishes[0]
 
 
 def kicks_n_m(kicks: Sequence[Kick], time_ns: Any) -> Any:

@@ -37,14 +37,14 @@ from ..dbc.messages import (
 from ..dbc.messages import Hands as HandsSeen
 from ..dbc.reception import Reception
 from ..runtime.frame import Frame
-from ..runtime.node import NEVER_NS, NS_PER_S, View
+from ..runtime.node import NS_PER_S, View
 from ..runtime.node.overruns import OverrunSupervision, overrun_rule
 from ..runtime.node.periodic import PeriodicTimer
 from ..runtime.node.statistics import DurationStatistics
 from .cycle import CYCLE_AT_REST, CycleInput, cycle_step, own_motion_rad
-from .driver import HANDS_OFF, ReactionTime, Sight, kicks_n_m
-from .feedback_laws import FEEDBACK_LAWS, FeedbackInput
-from .modes import FeedbackMode, feedback_mode_step, good_messages, share_step
+from .driver import HANDS_OFF, Sight, kicks_n_m
+from .feedback_laws import FEEDBACK_LAWS
+from .modes import FeedbackMode, feedback_mode_step, good_message
 from .settings import HandWheelSettings
 from .shaking import WINDOW_S, Shaking, shaking, shaking_report
 from .wheel_step import AT_REST, Hands, wheel_step
@@ -124,12 +124,11 @@ class HandWheelNode:
         self._cycle = CYCLE_AT_REST
         self._choose_law()
         self._kicks, self._let_go_ns = settings.kicks, settings.let_go_ns
-        self._late = ReactionTime(self.cycle_params.driver.two_point.reaction)
+        reaction = max(self.cycle_params.driver.two_point.reaction, 1)
+        self._wishes_rad = deque([0.0] * reaction, reaction)
         self._hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
         self._orders = self._reception.newest(HandWheelFeedback)
-        self._mode_params = settings.mode_params
-        self._mode = FeedbackMode(Mode.WAITING, start_ns, 0)
-        self._share, self._share_step = 0.0, settings.cycle_ms / settings.supervision.fade_ms
+        self._mode = FeedbackMode(Mode.WAITING, start_ns)
         self._told_n_m = self._ordered_n_m = 0.0
         self._rack_force_n = self._wheel_rad = 0.0
         self._ratio, self._steered_by = settings.steering_ratio, SteeredBy.DRIVER
@@ -150,7 +149,6 @@ class HandWheelNode:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Process a frame; the motor answers at the next cycle."""
-        before_ns = None if self._road is None else self._road.arrival_ns
         message = self._reception.receive(frame, now_ns)
         if isinstance(message, SteeringForce):
             self._rack_force_n = message.rack_force_n
@@ -167,7 +165,7 @@ class HandWheelNode:
         elif isinstance(message, HandWheelFeedback):
             self._on_orders(message, now_ns)
         if self._reads is not None and isinstance(message, self._reads):
-            self._mode = good_messages(self._mode_params, self._mode, before_ns, now_ns)
+            self._mode = good_message(self._mode_params, self._mode, now_ns)
         return ()
 
     def feel(self, changes: Mapping[str, Any]) -> None:
@@ -178,8 +176,8 @@ class HandWheelNode:
 
     def _choose_law(self) -> None:
         self.cycle_params = self._settings.cycle_params
+        self._mode_params = self._settings.mode_params
         self._reads = FEEDBACK_LAWS[self._settings.feedback.law].reads
-        self._road = None if self._reads is None else self._reception.newest(self._reads)
 
     def on_unauthenticated(self) -> None:
         """Count a frame that was refused before the node."""
@@ -293,44 +291,38 @@ class HandWheelNode:
 
     def _decide(self, due_ns: int, now_ns: int) -> None:
         """Let mode table, law and driver decide for the cycle that begins."""
-        road, before, age_ns = self._road, self._mode, None
-        if road is not None:
-            age_ns = NEVER_NS if road.arrival_ns is None else now_ns - road.arrival_ns
+        before, has_failed = self._mode.mode, self._failure != ""
         self._mode = feedback_mode_step(
-            self._mode_params, before, age_ns, now_ns, has_own_fault=self._failure != ""
+            self._mode_params, self._mode, now_ns, has_own_fault=has_failed
         )
-        mode = self._mode.mode
-        if mode is not before.mode:
+        mode, share = self._mode.mode, self._mode.share
+        if mode is not before:
             self._entered[mode] += 1
         orders_ns = self._orders.arrival_ns
         if orders_ns is not None and now_ns - orders_ns > _LAW_NS:
             self._steered_by, self._ordered_n_m = SteeredBy.DRIVER, 0.0
-        self._share = share_step(self._share, before.mode, mode, self._share_step)
-        time_ns, wheel = due_ns - self._start_ns, self._wheel
-        observed = FeedbackInput(
-            wheel.angle_rad,
-            wheel.rate_rad_s,
-            self._rack_force_n,
-            self._wheel_rad,
-            wheel.driver_torque_n_m,
-        )
+        time_ns = due_ns - self._start_ns
         inputs = CycleInput(
-            self._late.oldest_rad,
+            self._wishes_rad[0],
             self._sight,
             kicks_n_m(self._kicks, time_ns),
             time_ns < self._let_go_ns,
             self._steered_by is not SteeredBy.LAW,
-            observed,
+            self._wheel,
+            self._rack_force_n,
+            self._wheel_rad,
             self._ratio,
             # The assist of the law needs no road, only a wheel that is sound.
-            self._ordered_n_m * (self._share if self._failure else 1.0),
+            self._ordered_n_m * (share if has_failed else 1.0),
             mode,
-            self._share,
+            share,
         )
         self._cycle, hands, self._told_n_m = cycle_step(self.cycle_params, self._cycle, inputs)
-        self._late.pass_on(self._cycle.driver)
+        by_sight_rad, _, _, rests = self._cycle.driver
+        # A driver whose hands rest forgets what he wished within the reaction time.
+        self._wishes_rad.extend([by_sight_rad] * (len(self._wishes_rad) if rests else 1))
         self._hands = self._person(now_ns) or hands
-        self.finished = self._failure != "" and self._share == 0.0
+        self.finished = has_failed and share == 0.0
 
     def _state_frame(self, now_ns: int) -> Frame:
         wheel = self._wheel
@@ -368,6 +360,6 @@ class HandWheelNode:
         if self._samples_left > 0:
             self._samples_left -= 1
             time_s = (due_ns - self._start_ns) / NS_PER_S
-            road_n = self._rack_force_n if self._road is not None else nan
+            road_n = self._rack_force_n if self._reads is not None else nan
             motion = time_s, angle_rad, rate_rad_s, driver_n_m, motor_n_m, road_n
             self.samples.append(HandWheelSample(*motion, self._mode.mode, self._steered_by))

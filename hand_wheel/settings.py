@@ -22,7 +22,6 @@ PRESETS = "steer_by_wire.hand_wheel.presets"
 """The package with the presets that are shipped."""
 STEP_S_MAX = 0.001
 """Longest step of the wheel's motion; a firmly held wheel swings 300 times as slowly."""
-_LAG_S_MIN = 1e-6
 _Gain = Annotated[float, Field(ge=0.0, le=1000.0)]
 
 
@@ -161,8 +160,7 @@ class HandWheelSettings(Settings):
     def nominal_way(self) -> LinearSystem:
         """Nominal system from hand wheel angle to the road's torque, without a bus."""
         model, gradient_n_m = self.nominal_model, self.feedback.torque_gradient_n_m
-        rack = Rack(lag_s=max(model.actuator_lag_s, _LAG_S_MIN))
-        return road_torque(road_vehicle(model), gradient_n_m, rack)
+        return road_torque(road_vehicle(model), gradient_n_m, Rack(lag_s=model.actuator_lag_s))
 
     @property
     def feedback_params(self) -> FeedbackParams:
@@ -224,8 +222,13 @@ class HandWheelSettings(Settings):
     def mode_params(self) -> FeedbackSupervision:
         """Constants of the mode table."""
         table = self.supervision
-        times_ns = round(table.timeout_ms * NS_PER_MS), round(table.hold_ms * NS_PER_MS)
-        return FeedbackSupervision(*times_ns, table.recovery_frames)
+        return FeedbackSupervision(
+            round(table.timeout_ms * NS_PER_MS),
+            round(table.hold_ms * NS_PER_MS),
+            table.recovery_frames,
+            self.cycle_ms / table.fade_ms,
+            FEEDBACK_LAWS[self.feedback.law].reads is not None,
+        )
 
     @property
     def counters(self) -> CounterRule:

@@ -14,7 +14,7 @@ from ...controller.settings import ControllerSettings
 from ...controller.who_steers import (
     Steering,
     SteeringRule,
-    assist_step,
+    assist_n_m,
     steering_rule,
     steering_step,
 )
@@ -35,7 +35,7 @@ from ...hand_wheel.cycle import (
     own_motion_rad,
 )
 from ...hand_wheel.driver import HANDS_OFF, Sight
-from ...hand_wheel.feedback_laws import FEEDBACK_LAWS, FeedbackInput
+from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
 from ...hand_wheel.shaking import Shaking, shaking
 from ...hand_wheel.wheel_step import AT_REST, Hands, WheelParams, WheelState, wheel_step
 from ...plant_emulator.settings import PlantSettings
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
 _LATE_ANSWER, _LATE_STATE, _FORCE, _ANSWER, _CYCLE, _STATE = map(int, Event)
 NO_TURN, STEERS, READS, ELSE = range(4)
-_LAW, _DRIVER, _BOTH = int(SteeredBy.LAW), int(SteeredBy.DRIVER), int(SteeredBy.BOTH)
+_LAW, _DRIVER = int(SteeredBy.LAW), int(SteeredBy.DRIVER)
 _LATERAL_ERROR, _STEERING_STATUS, _VEHICLE_STATE, _, _STEERING_FORCE = map(int, Uplink)
 _APPLYING = int(SteeringStatusCode.APPLYING)
 _NEVER_NS = NEVER_NS
@@ -80,7 +80,7 @@ _ORDER_N_M = resolutions(HandWheelFeedback)["feedback_torque_n_m"]
 _RATIO = resolutions(HandWheelFeedback)["steering_ratio"]
 
 
-register(cycle_step, wheel_step, steering_step, assist_step, own_motion_rad)
+register(cycle_step, wheel_step, steering_step, assist_n_m, own_motion_rad)
 register(heard_step, driver_steers)
 for _motion in MOTIONS.values():
     register(_motion.rack_force_n, _motion.is_limited)
@@ -145,14 +145,7 @@ class WheelProgress(NamedTuple):
     hands: Hands
     told_n_m: float
     plant: Heard
-    who: "WhoSteers"
-
-
-class WhoSteers(NamedTuple):
-    """Who steers, and the share of the law's assist."""
-
-    steering: Steering
-    share: float
+    who: Steering
 
 
 @lru_cache(maxsize=256)
@@ -225,7 +218,7 @@ def shaking_of(w: Wheel) -> Shaking | None:
 
 def _start(w: Wheel) -> WheelProgress:
     hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
-    heard, who = Heard(0, w.first_ratio), WhoSteers(Steering(_LAW, 0), 0.0)
+    heard, who = Heard(0, w.first_ratio), Steering(_LAW, 0, 0.0)
     return WheelProgress(0, AT_REST, CYCLE_AT_REST, 0, hands, 0.0, heard, who)
 
 
@@ -329,9 +322,9 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
         e.kick_n_m[cycle],
         cycle * w.cycle_ns < w.let_go_ns,
         w.steered_by[tick] != _LAW,
-        FeedbackInput(
-            wheel.angle_rad, wheel.rate_rad_s, force_n, road_wheel_rad, wheel.driver_torque_n_m
-        ),
+        wheel,
+        force_n,
+        road_wheel_rad,
         w.ratio,
         w.order_n_m[tick],
         e.mode[cycle],
@@ -357,7 +350,7 @@ def decide(
     ``law``  its command, the command before, and whether it can steer
     """
     wanted_rad, sent_rad, can_steer = law
-    cycle, before = w.events.tick_cycle[tick], x.who.steering
+    cycle, before = w.events.tick_cycle[tick], x.who
     torque_n_m, angle_rad, rate_rad_s, age_ns = 0.0, 0.0, 0.0, _NEVER_NS
     if cycle >= 0:
         angle_rad = _angle_on_wire_rad(w, cycle)
@@ -365,8 +358,7 @@ def decide(
         torque_n_m = on_wire(w.samples[2, cycle], _TORQUE_N_M)
         age_ns = now_ns - cycle * w.cycle_ns
     steering = steering_step(w.rule, before, torque_n_m, age_ns, now_ns, can_steer)
-    both = steering.steered_by == _BOTH
-    share, order_n_m = assist_step(w.rule, x.who.share, both, wanted_rad, angle_rad, rate_rad_s)
+    order_n_m = assist_n_m(w.rule, steering, wanted_rad, angle_rad, rate_rad_s)
     w.steered_by[tick], w.order_n_m[tick] = steering.steered_by, quantised(order_n_m, _ORDER_N_M)
     takes_over = before.steered_by != _LAW and steering.steered_by == _LAW and can_steer
     if steering.steered_by != _LAW:
@@ -374,8 +366,8 @@ def decide(
         wanted_rad = wheel_on_wire_rad(r.samples[WHEEL, sample]) if sample >= 0 else 0.0
     elif takes_over:
         wanted_rad = sent_rad
-    who, wheel = WhoSteers(steering, share), x.wheel
-    after = WheelProgress(x.event, wheel, x.cycle, x.rested, x.hands, x.told_n_m, x.plant, who)
+    kept = x.rested, x.hands, x.told_n_m, x.plant
+    after = WheelProgress(x.event, x.wheel, x.cycle, *kept, steering)
     return after, wanted_rad, takes_over
 
 

@@ -20,11 +20,11 @@ from ...dbc.codec.protection import COUNTERS
 from ...dbc.messages import Mode, SteeringForce
 from ...hand_wheel.driver import kicks_n_m
 from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
-from ...hand_wheel.modes import FeedbackMode, feedback_mode_step, good_messages, share_step
+from ...hand_wheel.modes import FeedbackMode, feedback_mode_step, good_message
 from ...plant_emulator.network.settings import LatencySettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import BoolArray, FloatArray, IntArray
-from ...runtime.node import NEVER_NS, NS_PER_S
+from ...runtime.node import NS_PER_S
 from .law_input import Uplink
 from .network import UPLINKS, Arrivals, ToPlant, arrivals_of, in_use_at, sensor_noise
 
@@ -198,7 +198,7 @@ def _modes(
     wheel: "HandWheelSettings", road_ns: IntArray | None, cycle_ns: IntArray
 ) -> tuple[IntArray, FloatArray]:
     """Return mode and share of the law at each cycle; ``road_ns``: arrivals of what it reads."""
-    rule, step = wheel.mode_params, wheel.cycle_ms / wheel.supervision.fade_ms
+    rule = wheel.mode_params
     if road_ns is None:
         return np.full(len(cycle_ns), int(Mode.ACTIVE)), np.ones(len(cycle_ns))
     arrived = np.searchsorted(road_ns, cycle_ns, side="right")
@@ -208,15 +208,11 @@ def _modes(
     if (is_active == is_fresh).all():
         modes = np.where(is_active, int(Mode.ACTIVE), int(Mode.WAITING))
         return modes, is_active.astype(np.float64)
-    x, share, before_ns, done = FeedbackMode(Mode.WAITING, 0, 0), 0.0, None, 0
-    codes, shares = [], []
+    x, done, found = FeedbackMode(Mode.WAITING, 0), 0, []
     for now_ns, count in zip(cycle_ns.tolist(), arrived.tolist(), strict=True):
         for at_ns in road_ns[done:count].tolist():
-            x, before_ns = good_messages(rule, x, before_ns, at_ns), at_ns
-        done, before = count, x.mode
-        age_ns = NEVER_NS if before_ns is None else now_ns - before_ns
-        x = feedback_mode_step(rule, x, age_ns, now_ns)
-        share = share_step(share, before, x.mode, step)
-        codes.append(int(x.mode))
-        shares.append(share)
+            x = good_message(rule, x, at_ns)
+        done, x = count, feedback_mode_step(rule, x, now_ns)
+        found.append((int(x.mode), x.share))
+    codes, shares = zip(*found, strict=True)
     return np.array(codes), np.array(shares)

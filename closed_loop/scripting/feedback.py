@@ -189,14 +189,10 @@ def feedback_loop(
 
     A car is taken as its [vehicle], with the lag of its [actuator] and the relaxation of its tyres.
     """
-    law = wheel.feedback
+    law, vehicle = wheel.feedback, road_vehicle(plant.vehicle, plant.car)
     if law.law == "model":
         return None
-    rack, vehicle = (
-        Rack(lag_s=max(plant.actuator.lag_s, 1e-6)),
-        road_vehicle(plant.vehicle, plant.car),
-    )
-    road = road_torque(vehicle, law.torque_gradient_n_m, rack)
+    road = road_torque(vehicle, law.torque_gradient_n_m, Rack(lag_s=plant.actuator.lag_s))
     if law.law == "spring":
         road = spring_torque(road, law.torque_gradient_n_m)
     damping_n_m_s = wheel.wheel.damping_n_m_s + law.damping_n_m_s + added_n_m_s

@@ -10,13 +10,7 @@ from ...dbc.messages import HandWheelFeedback, HandWheelState, Sender, SteeredBy
 from ...dbc.reception import Reception
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS
-from ..who_steers import (
-    HandWheelSettings,
-    Steering,
-    assist_step,
-    steering_rule,
-    steering_step,
-)
+from ..who_steers import HandWheelSettings, Steering, assist_n_m, steering_rule, steering_step
 
 
 class DriverLink:
@@ -32,8 +26,8 @@ class DriverLink:
     ) -> None:
         self._rule = steering_rule(settings, period_s)
         self._check = reception.newest(HandWheelState)
-        self._steering = Steering(int(SteeredBy.LAW), start_ns)
-        self._share = self._assist_n_m = 0.0
+        self._steering = Steering(int(SteeredBy.LAW), start_ns, 0.0)
+        self._assist_n_m = 0.0
         self.newest = HandWheelState(0.0, 0.0, 0.0)
         self._sender = Sender(HandWheelFeedback)
         self.changes: Counter[str] = Counter()
@@ -49,19 +43,15 @@ class DriverLink:
 
     def decide(self, now_ns: int, law_rad: float, *, can_steer: bool) -> SteeredBy:
         """Return who steers from now on; ``can_steer``: whether the law can, with its command."""
-        before, arrival_ns = self._steering, self._check.arrival_ns
+        before, arrival_ns = self.steered_by, self._check.arrival_ns
         age_ns = NEVER_NS if arrival_ns is None else now_ns - arrival_ns
         angle_rad, rate_rad_s, torque_n_m = self.newest
-        after = steering_step(self._rule, before, torque_n_m, age_ns, now_ns, can_steer)
-        steered_by = SteeredBy(after.steered_by)
-        if steered_by != before.steered_by:
-            self.changes[steered_by.name.lower()] += 1
-        self._steering = after
-        is_both = steered_by is SteeredBy.BOTH
-        self._share, self._assist_n_m = assist_step(
-            self._rule, self._share, is_both, law_rad, angle_rad, rate_rad_s
-        )
-        return steered_by
+        rule, heard = self._rule, (torque_n_m, age_ns, now_ns)
+        self._steering = steering_step(rule, self._steering, *heard, can_steer)
+        self._assist_n_m = assist_n_m(rule, self._steering, law_rad, angle_rad, rate_rad_s)
+        if self.steered_by is not before:
+            self.changes[self.steered_by.name.lower()] += 1
+        return self.steered_by
 
     def frame(self) -> Frame:
         """Return the answer."""

@@ -26,6 +26,8 @@ import numpy as np
 
 from ..wheel import LinearSystem
 
+LAG_S_MIN = 1e-6
+
 
 class Rack(NamedTuple):
     """Servo of the road wheels; the defaults are chosen.
@@ -102,7 +104,7 @@ def road_torque(vehicle: RoadVehicle, torque_gradient_n_m: float, rack: Rack) ->
 
 def _servo(rack: Rack) -> LinearSystem:
     if rack.lag_s is not None:
-        rate_1_s = 1.0 / rack.lag_s
+        rate_1_s = 1.0 / max(rack.lag_s, LAG_S_MIN)
         return LinearSystem(np.array([[-rate_1_s]]), np.array([rate_1_s]), np.array([1.0]))
     omega_rad_s = 2.0 * pi * rack.bandwidth_hz
     a = [[0.0, 1.0], [-(omega_rad_s**2), -2.0 * rack.damping * omega_rad_s]]

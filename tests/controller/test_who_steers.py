@@ -8,7 +8,7 @@ from steer_by_wire.controller.who_steers import (
     HandWheelSettings,
     Steering,
     SteeringRule,
-    assist_step,
+    assist_n_m,
     steering_rule,
     steering_step,
 )
@@ -27,7 +27,7 @@ def rule(**table: object) -> SteeringRule:
 def history(
     p: SteeringRule, torques: list[float], *, age_ns: int = FRESH, can_steer: bool = True
 ) -> list[SteeredBy]:
-    steering, found = Steering(LAW, 0), []
+    steering, found = Steering(LAW, 0, 0.0), []
     for period, torque in enumerate(torques):
         steering = steering_step(p, steering, torque, age_ns, period * PERIOD_NS, can_steer)
         found.append(SteeredBy(steering.steered_by))
@@ -69,19 +69,18 @@ def test_both_steer_until_a_firm_torque_and_again_after_rest() -> None:
     assert set(history(p, [0.0] * 5, age_ns=NEVER_NS)) == {LAW}
 
 
-@given(st.lists(st.tuples(st.none() | st.floats(-0.1, 0.1), st.floats(-5.0, 5.0)), max_size=80))
-def test_the_assist_is_limited_and_never_jumps(steps: list[tuple[float | None, float]]) -> None:
-    p, share, before = rule(steered_by="both"), 0.0, 0.0
-    for wanted, angle in steps:
-        share, torque = assist_step(p, share, wanted is not None, wanted or 0.0, angle, 0.0)
-        assert abs(torque) <= share * p.torque_n_m_max
-        if wanted is None:
-            assert abs(share - before) <= 0.021
-        before = share
+@given(st.lists(st.tuples(st.booleans(), st.floats(-0.1, 0.1), st.floats(-5.0, 5.0)), max_size=80))
+def test_the_assist_is_limited_and_never_jumps(steps: list[tuple[bool, float, float]]) -> None:
+    p, steering = rule(steered_by="both", hand_back_s=0.0), Steering(BOTH, 0, 0.0)
+    for period, (both, wanted, angle) in enumerate(steps):
+        torque, before = (0.0 if both else 5.0), steering.share
+        steering = steering_step(p, steering, torque, FRESH, period * PERIOD_NS, True)
+        assert abs(assist_n_m(p, steering, wanted, angle, 0.0)) <= steering.share * p.torque_n_m_max
+        assert abs(steering.share - before) <= 0.021
 
 
 def test_the_assist_turns_the_wheel_to_the_command() -> None:
-    p = rule(steered_by="both", steering_ratio=10.0)
-    assert assist_step(p, 1.0, True, 0.01, 0.05, 0.0)[1] == pytest.approx(20.0 * 0.05)
-    assert assist_step(p, 1.0, True, 0.01, 0.1, 0.5)[1] == pytest.approx(-0.5)
-    assert assist_step(p, 0.0, False, 0.01, 0.1, 0.5) == (0.0, 0.0)
+    p, steering = rule(steered_by="both", steering_ratio=10.0), Steering(BOTH, 0, 1.0)
+    assert assist_n_m(p, steering, 0.01, 0.05, 0.0) == pytest.approx(20.0 * 0.05)
+    assert assist_n_m(p, steering, 0.01, 0.1, 0.5) == pytest.approx(-0.5)
+    assert assist_n_m(p, Steering(DRIVER, 0, 0.0), 0.01, 0.1, 0.5) == 0.0

@@ -118,15 +118,11 @@ class Point(NamedTuple):
 
     law: str
     round_trip_s: float
-    changed: float
-    late_s: float
-    local: float
-    design: "Design | None"
+    changed: float = inf
+    late_s: float = inf
+    local: float = 0.0
+    design: Design | None = None
     fails: tuple[str, ...] = ()
-
-
-NONE_HOLDS = inf, inf, 0.0, None
-"""Of a point: all but its law and round trip."""
 
 
 class Candidate:
@@ -200,7 +196,7 @@ def best_points(bench: Bench) -> Iterator[list[Point]]:
             yield [
                 Point(name, at_s, changed, candidate.late_s(at_s), local, candidate.design)
                 for changed, local, candidate in islice(holding, _TRIED)
-            ] or [Point(name, at_s, *NONE_HOLDS)]
+            ] or [Point(name, at_s)]
 
 
 def _families(bench: Bench) -> Mapping[str, Iterable[Design]]:

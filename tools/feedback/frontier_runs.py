@@ -17,7 +17,6 @@ from steer_by_wire.tools.feedback.frontier import (
     BAND_RAD_S,
     GRADIENT_FACTORS,
     JITTER,
-    NONE_HOLDS,
     ROUND_TRIPS_S,
     Bench,
     Design,
@@ -83,7 +82,7 @@ def _passivity_points(bench: Bench) -> list[Point]:
     for trip, at_s in enumerate(ROUND_TRIPS_S):
         best = int(changed[:, trip].argmin())
         error = float(changed[best, trip])
-        known = NONE_HOLDS if error == inf else (error, 0.5 * at_s, nan, designs[best])
+        known = () if error == inf else (error, 0.5 * at_s, nan, designs[best])
         found.append(Point("passivity controller", at_s, *known))
     return found
 
