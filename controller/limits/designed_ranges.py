@@ -46,6 +46,18 @@ class VehicleRanges(Settings):
         keys = sorted(VehicleRanges.model_fields, key=lambda key: key != "speed_m_s")
         return {key: bounds for key in keys if (bounds := getattr(self, key)) is not None}
 
+    def corners(self, nominal: NominalVehicle, points: int = 2) -> tuple[NominalVehicle, ...]:
+        """Return the corners of the box around a nominal vehicle, the last range changing first.
+
+        ``points``  in each range, evenly spread from end to end; with more than 2, also vehicles
+                    between the corners
+        """
+        shares, given = [at / (points - 1) for at in range(points)], self.given()
+        axes = [[(1.0 - x) * low + x * high for x in shares] for low, high in given.values()]
+        return tuple(
+            nominal._replace(**dict(zip(given, values, strict=True))) for values in product(*axes)
+        )
+
 
 class ValiditySettings(VehicleRanges):
     """The box, and the longest delay from command to wheel."""
@@ -53,14 +65,6 @@ class ValiditySettings(VehicleRanges):
     delay_ms_max: Annotated[float, Field(ge=0.0, le=2000.0)]
     judged_on: str | None = None
     """The runs behind the figures of a preset, in words, where they do not span the box."""
-
-    def corners(self, nominal: NominalVehicle) -> tuple[NominalVehicle, ...]:
-        """Return the 2^n corners of the box around a nominal vehicle."""
-        given = self.given()
-        return tuple(
-            nominal._replace(**dict(zip(given, values, strict=True)))
-            for values in product(*given.values())
-        )
 
     @model_validator(mode="after")
     def _refuse_empty_ranges(self) -> Self:

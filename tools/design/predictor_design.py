@@ -102,7 +102,8 @@ class Task(NamedTuple):
     @property
     def vehicles(self) -> tuple[NominalVehicle, ...]:
         """The vehicles that are judged."""
-        return self.vehicle.box.grid(self.table.values_per_range)
+        nominal, points = self.vehicle.vehicle.vehicle, self.table.values_per_range
+        return self.vehicle.uncertainty.corners(nominal, points)
 
     @property
     def knows_path(self) -> bool:
@@ -437,9 +438,8 @@ def judged_on(task: Task) -> str | None:
 def _settings(task: Task, fallback: ControllerSettings, values: Values) -> ControllerSettings:
     """Return the settings of a point of the search."""
     table, vehicle = task.table, task.vehicle
-    box = {name: (low, high) for name, low, high in vehicle.box.ranges}
     speed = vehicle.vehicle.speed_m_s
-    low, high = box.get("speed_m_s", (speed, speed))
+    low, high = vehicle.uncertainty.speed_m_s or (speed, speed)
     tables = fallback.model_dump(exclude={"law", "link", "estimator", "validity"})
     tables["predictor"] = PredictorSettings(
         steer_per_error_rad_m=values["steer_per_error_rad_m"],

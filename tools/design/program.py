@@ -173,7 +173,7 @@ def run_design(options: argparse.Namespace) -> int:
     rig = _write_settings(spec, vehicle, options.out, pictures)
     if linear_laws(spec) or spec.road is None:
         print(
-            f"{len(vehicle.box.vertices())} corners x {len(spec.delays_ns)} delays from 0 to"
+            f"{len(vehicle.corners)} corners x {len(spec.delays_ns)} delays from 0 to"
             f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst rms"
         )
     print(course)

@@ -55,16 +55,18 @@ def preset_text(
 
     The supervision is left out: it has nothing to do with the design, and its defaults hold.
     """
+    ranges = vehicle.uncertainty.given()
     if isinstance(design, PredictorDesign):
         delays = f"delay from 0 to {design.delays_ns[-1] / NS_PER_MS:g} ms, measured by the echo."
         law, ended = design.settings.law, design.ended
-        judged = f"{len(vehicle.box.grid(required(spec.predictor).values_per_range))} vehicles"
+        points = required(spec.predictor).values_per_range
+        judged = f"{points ** len(ranges)} vehicles"
         figures, settings = predictor_figures(spec, design), design.settings
     else:
         delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
-        law, judged = design.law, f"{len(vehicle.box.vertices())} corners"
+        law, judged = design.law, f"{len(vehicle.corners)} corners"
         ended, figures, settings = design.found.ended, _figures(spec, design), design.preset
-    over = [f"{field} {low:.6g} to {high:.6g}" for field, low, high in vehicle.box.ranges]
+    over = [f"{field} {low:.6g} to {high:.6g}" for field, (low, high) in ranges.items()]
     if isinstance(design, PredictorDesign) and spec.road is not None:
         judged, *over = roads_in_words(spec.road)
     head = [
@@ -249,9 +251,9 @@ def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Fi
 
 def _labels(vehicle: VehicleFile) -> list[str | None]:
     """Return a label that identifies a corner; empty where there are too many."""
-    corners = vehicle.box.vertices()
+    corners = vehicle.corners
     if len(corners) > _CORNERS_NAMED_MAX:
         return [None] * len(corners)
-    fields = [field for field, _, _ in vehicle.box.ranges]
+    fields = list(vehicle.uncertainty.given())
     labels = (", ".join(f"{name} {getattr(one, name):.4g}" for name in fields) for one in corners)
     return [label or "nominal" for label in labels]

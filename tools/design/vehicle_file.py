@@ -17,8 +17,7 @@ from typing import Any, Literal, Self
 from pydantic import model_validator
 
 from ...closed_loop.identification.vehicle_file import IdentifiedSettings
-from ...closed_loop.parameter_space.uncertainty import ParameterRange, UncertaintyBox
-from ...controller.filters.nominal_model import steer_to_lateral_error
+from ...controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ...controller.filters.settings import VehicleModelSettings
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.limits.designed_ranges import VehicleRanges
@@ -59,27 +58,24 @@ class VehicleFile(Settings):
         return {"lag_s": lag_s if lag_s >= LAG_S_MIN else 0.0, "dead_time_s": total_s - lag_s}
 
     @property
-    def box(self) -> UncertaintyBox:
-        """Return the vehicles between the bounds."""
-        ranges = self.uncertainty.given().items()
-        return UncertaintyBox(
-            self.vehicle.vehicle, tuple(ParameterRange(key, *bounds) for key, bounds in ranges)
-        )
+    def corners(self) -> tuple[NominalVehicle, ...]:
+        """Return the vehicles at the bounds."""
+        return self.uncertainty.corners(self.vehicle.vehicle)
 
     @property
     def models(self) -> tuple[TransferFunction, ...]:
         """Return G of each corner of the box."""
-        return tuple(steer_to_lateral_error(corner) for corner in self.box.vertices())
+        return tuple(steer_to_lateral_error(corner) for corner in self.corners)
 
     @model_validator(mode="after")
     def _refuse_ranges_without_the_nominal_value(self) -> Self:
-        ranges = self.box.ranges
+        ranges = self.uncertainty.given()
         if len(ranges) > _RANGES_MAX:
             raise ValueError(
                 f"[uncertainty] has {len(ranges)} ranges; at most {_RANGES_MAX} are possible,"
                 f" which are {2**_RANGES_MAX} corners"
             )
-        for field, minimum, maximum in ranges:
+        for field, (minimum, maximum) in ranges.items():
             if minimum >= maximum:
                 raise ValueError(
                     f"uncertainty.{field} = [{minimum:g}, {maximum:g}]: the minimum must be below"

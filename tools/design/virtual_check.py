@@ -119,7 +119,7 @@ def course_line(spec: Specification, vehicle: VehicleFile) -> str:
     """Return what the bends ask of the tyres; raises SettingsError where that is too much."""
     if spec.road is not None:
         return ", ".join(roads_in_words(spec.road))
-    speed_m_s = max(corner.speed_m_s for corner in vehicle.box.vertices())
+    speed_m_s = max(corner.speed_m_s for corner in vehicle.corners)
     course, paths = spec.course, (build_path(path) for path in spec.course.paths)
     asked_m_s2 = max(lateral_acceleration_m_s2(path, speed_m_s) for path in paths)
     share = asked_m_s2 / (course.friction * GRAVITY_M_S2)
@@ -156,5 +156,5 @@ def plants(
     """Return the plant of a run for each path, corner and latency, in this order."""
     return [
         plant_settings(spec.period_ns, corner, path, spec.course.duration_s, latency, **tables)
-        for path, corner, latency in product(spec.course.paths, vehicle.box.vertices(), latencies)
+        for path, corner, latency in product(spec.course.paths, vehicle.corners, latencies)
     ]

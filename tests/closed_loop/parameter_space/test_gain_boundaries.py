@@ -16,14 +16,14 @@ from steer_by_wire.closed_loop.parameter_space.gain_boundaries import (
     boundary_curves,
     closed_loop_roots,
 )
-from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.filters.transfer_function import Factor, TransferFunction
 from steer_by_wire.runtime.array_types import FloatArray
+from steer_by_wire.tools.paper.corners import corner_vehicles
 
 DOUBLE_INTEGRATOR = TransferFunction(-2, (Factor(0.0, 0.0, 1.0),), ())
 LEAD = TransferFunction(0, (Factor(0.0, 1.0, 2.0),), (Factor(1.0, 1.0, 1.0),))  # (s+2)/(s²+s+1)
-PLANTS = (paper_eq19(), *map(steer_to_lateral_error, paper_box().vertices()))
+PLANTS = (paper_eq19(), *map(steer_to_lateral_error, corner_vehicles()))
 
 
 def test_the_boundaries_of_a_double_integrator_are_those_computed_by_hand() -> None:

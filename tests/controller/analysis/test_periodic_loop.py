@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import CompiledRun, Outcome, run_compiled
-from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check_in_words import check_text
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
@@ -18,6 +17,7 @@ from steer_by_wire.controller.filters.nominal_model import NominalVehicle
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.tools.paper.corners import corner_vehicles, preset_vehicle
 from tests.support.runs.unguarded import UNGUARDED
 
 PUSH = (
@@ -57,7 +57,7 @@ def decay_1_s(done: CompiledRun, first_s: float, last_s: float, window_s: float 
 
 MS = 1_000_000
 PREDICTOR = ("law=predictor", "predictor.horizon_s_max=1.0", "nominal_model.virtual_mass_kg=3400")
-CORNERS = dict(zip("abcd", paper_box().vertices(), strict=True))
+CORNERS = dict(zip("abcd", corner_vehicles(), strict=True))
 
 
 def controller(*overrides: str) -> ControllerSettings:
@@ -119,7 +119,10 @@ def test_the_predictor_is_stable_over_the_box_at_every_delay_to_600_ms(corner: s
 
 @pytest.mark.parametrize("delay_ns", [0, 83_700_000])
 def test_noise_makes_the_steer_as_restless_as_a_run_shows(delay_ns: int) -> None:
-    vehicle, noise_m = paper_box().nominal, 0.004  # with more the limit of the steer rate has a say
+    vehicle, noise_m = (
+        preset_vehicle("paper_nominal"),
+        0.004,
+    )  # more meets the rate limit
     expected_rad = noise_m * loop_of(PREDICTOR, vehicle).noise_gain_rad_m(delay_ns)
     done = run(PREDICTOR, vehicle, 0.0, delay_ns, f"sensor_noise.lateral_error_m={noise_m}")
     steer_rad = done.sent_rad[done.tick_s > 5.0]
@@ -129,7 +132,7 @@ def test_noise_makes_the_steer_as_restless_as_a_run_shows(delay_ns: int) -> None
 @pytest.mark.parametrize("overrides", [("rate_hz=50",), ("link.sensor_period_ms=20",)])
 def test_periods_of_their_own_are_one_period_together(overrides: tuple[str, ...]) -> None:
     """With half the ticks or half the samples the same slow modes are there, nearly."""
-    vehicle = paper_box().nominal
+    vehicle = preset_vehicle("paper_nominal")
     other = loop_of((*PREDICTOR, *overrides), vehicle)
     assert other.period_ns == 20 * MS
     expected = loop_of(PREDICTOR, vehicle).decay_1_s(100 * MS)

@@ -7,7 +7,6 @@ import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import Outcome, run_compiled
 from steer_by_wire.closed_loop.compiled.loop_records import rms_of
-from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import least_margin_ns
 from steer_by_wire.controller.filters.nominal_model import steer_to_lateral_error
@@ -15,6 +14,7 @@ from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError, read_preset
+from steer_by_wire.tools.paper.corners import corner_vehicles
 from tests.support.loops.baseline_runs import FEED_FORWARD
 
 PERIOD_NS = 10_000_000
@@ -38,7 +38,7 @@ def test_the_smith_preset_keeps_what_its_file_states() -> None:
     stable = re.search(r"# +stable +up to (\d+) ms", text)
     assert stable
     design = design_law(preset("practical_smith", ("followed_point=preview",)))
-    models = map(steer_to_lateral_error, paper_box().vertices())
+    models = map(steer_to_lateral_error, corner_vehicles())
     margin_ns = least_margin_ns(SampledLoop(design, model, PERIOD_NS) for model in models)
     assert margin_ns // 1_000_000 == int(stable[1])
 

@@ -80,7 +80,7 @@ def test_a_search_meets_all_demands(designed: Design) -> None:
     assert values["peak sensitivity"] <= 3.0
     assert values["noise gain"] <= 4.0
     design_pd = design_law(designed.settings)
-    for corner in shipped_vehicle().box.vertices():
+    for corner in shipped_vehicle().corners:
         loop = SampledLoop(design_pd, steer_to_lateral_error(corner), designed.settings.period_ns)
         assert all(loop.decay_1_s(ms * 1_000_000) > 0.3 for ms in (0, 50, 100))
         assert loop.is_stable(150_000_000)

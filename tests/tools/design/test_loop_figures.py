@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.linear_system import held_plant
 from steer_by_wire.controller.analysis.loop_signals import LoopModel
 from steer_by_wire.controller.analysis.periodic_loop import PeriodicLoop
@@ -22,10 +21,11 @@ from steer_by_wire.tools.design.loop_figures import (
     loop_figures,
     plant_responses,
 )
+from steer_by_wire.tools.paper.corners import corner_vehicles
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS
-CORNERS = paper_box().vertices()
+CORNERS = corner_vehicles()
 MODELS = [steer_to_lateral_error(corner) for corner in CORNERS]
 
 

@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.special import ellipe
 
-from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.laws.law_from_settings import design_law
@@ -16,6 +15,7 @@ from steer_by_wire.plant_emulator.path.path import curvature
 from steer_by_wire.plant_emulator.path.path_from_settings import build_path
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.tools.paper import published
+from steer_by_wire.tools.paper.corners import preset_vehicle
 from steer_by_wire.tools.paper.delay_runs import (
     CDOB,
     DDOB,
@@ -63,7 +63,7 @@ def mean_before(run: History, time_s: float) -> float:
 def is_stable_at_the_papers_delay(law: Law, filter_rad_s: float) -> bool:
     overrides = (*law.overrides, f"pd.derivative_filter_rad_s={filter_rad_s}")
     controller = controller_preset(law.preset, overrides)
-    model = steer_to_lateral_error(paper_box().nominal)
+    model = steer_to_lateral_error(preset_vehicle("paper_nominal"))
     loop = SampledLoop(design_law(controller), model, controller.period_ns)
     return loop.is_stable(round(PAPER_DELAY_S * NS_PER_S))
 
@@ -78,7 +78,7 @@ def test_each_law_survives_the_papers_delay_up_to_the_filter_that_the_page_state
 
 def gain_ratio_at_rest() -> float:
     """G/G_n at s = 0, the vehicle's over that of (19); both have two integrators."""
-    _, (zeros,), (poles,), _ = steer_to_lateral_error(paper_box().nominal)
+    _, (zeros,), (poles,), _ = steer_to_lateral_error(preset_vehicle("paper_nominal"))
     _, (nominal_zeros,), (nominal_poles,), _ = paper_eq19()
     return (zeros.s0 / poles.s0) / (nominal_zeros.s0 / nominal_poles.s0)
 

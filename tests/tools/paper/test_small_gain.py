@@ -5,14 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.closed_loop.parameter_space.uncertainty import paper_box
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.filters.continuous_filters import q_order_2
 from steer_by_wire.controller.filters.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.filters.transfer_function import TransferFunction
 from steer_by_wire.controller.laws.law_from_settings import design_law
 from steer_by_wire.controller.laws.settings import LawSettings
-from steer_by_wire.tools.paper.corners import published_law
+from steer_by_wire.tools.paper.corners import corner_vehicles, preset_vehicle, published_law
 from steer_by_wire.tools.paper.small_gain import (
     CdobParts,
     cdob_nominal_loop,
@@ -25,8 +24,8 @@ from steer_by_wire.tools.paper.small_gain import (
 )
 
 OMEGA_RAD_S = np.geomspace(1e-2, 1e3, 400)
-VEHICLE = steer_to_lateral_error(paper_box().nominal)
-VERTICES = [steer_to_lateral_error(vehicle) for vehicle in paper_box().vertices()]
+VEHICLE = steer_to_lateral_error(preset_vehicle("paper_nominal"))
+VERTICES = [steer_to_lateral_error(vehicle) for vehicle in corner_vehicles()]
 
 
 def cdob_law(

@@ -99,7 +99,7 @@ def find(coarse: Study, fine: Study, law: str, check: Check, near: Values | None
     ``near``  a known design, near which the first start begins
     """
     table = coarse.spec.search
-    ranges = bounds(law, coarse.vehicle.box.nominal, coarse.spec.rate_hz)
+    ranges = bounds(law, coarse.vehicle.vehicle.vehicle, coarse.spec.rate_hz)
     search, ended = Search(lambda values: cost(judge_law(coarse, law, values)), ranges), True
     try:
         for start in range(table.starts):

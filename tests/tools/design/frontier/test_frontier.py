@@ -219,7 +219,7 @@ def test_the_panels_at_speed_are_of_the_vehicle_at_that_speed() -> None:
     _, at_60, at_100 = panels_of(asked(), vehicle())
     for panel, km_h in ((at_60, 60.0), (at_100, 100.0)):
         assert 3.6 * panel.vehicle.vehicle.speed_m_s == pytest.approx(km_h, rel=0.01)
-        assert {corner.speed_m_s for corner in panel.vehicle.box.vertices()} == {
+        assert {corner.speed_m_s for corner in panel.vehicle.corners} == {
             *(panel.table.speed_m_s or ())
         }
 
