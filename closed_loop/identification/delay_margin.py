@@ -62,10 +62,8 @@ def delay_margin(
         except Stopped:
             return None
         margins_s[number] = _margin_s(settings, _nominal(found, x, speed_m_s))
-    spread = drawn.std(axis=0)
-    off = (drawn - drawn.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    swing = margins_s - margins_s.mean()
-    shares = (off.T @ swing) ** 2 / len(drawn) / max(float(swing @ swing), 1e-300)
+    with np.errstate(invalid="ignore"):  # Where a coordinate, or the margin, is the same in all.
+        shares = np.nan_to_num(np.corrcoef(drawn.T, margins_s)[-1, :-1] ** 2)
     most = int(np.argmax(shares))
     # Of 40, the second and the last but one lie near the ends of 95 %.
     low_s, high_s = np.sort(margins_s)[[1, -2]]

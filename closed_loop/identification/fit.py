@@ -17,9 +17,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import cholesky
 from scipy.optimize import least_squares
+from scipy.signal import fftconvolve
 
 from ...runtime.array_types import FloatArray
 from ..pair.pair_result import rms
@@ -338,7 +338,5 @@ def is_white(errors: FloatArray) -> bool:
 def long_run_sums(scores: FloatArray, lags: int) -> FloatArray:
     """Return the scores' sums of products up to so many periods apart, by Bartlett's weights."""
     weights = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0)
-    length = next_fast_len(len(scores) + 2 * lags, real=True)
-    product = rfft(scores, length, axis=0) * rfft(weights, length)[:, np.newaxis]
-    summed: FloatArray = scores.T @ irfft(product, length, axis=0)[lags : lags + len(scores)]
+    summed: FloatArray = scores.T @ fftconvolve(scores, weights[:, np.newaxis], "same", axes=0)
     return 0.5 * (summed + summed.T)

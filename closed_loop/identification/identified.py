@@ -29,22 +29,15 @@ _SIDE_LATE_S = 0.12
 _SHIFT_S = 0.008
 """A delay of a new log that differs by less is left as it is."""
 _BETTER = 0.9
+_NEUTRAL_PERCENT = 10.0
+"""Of understeer, the small difference of two slips: below, it is not known in % of itself."""
 _RATIO_MIN, _RATIO_MAX = 3.0, 40.0
 """Of steering ratios, karts and lorries included; chosen."""
-
-
-class Doubt(NamedTuple):
-    """A test of the errors, or of a simpler model."""
-
-    what: str
-    result: str
-    is_passed: bool
 
 
 class Identification(NamedTuple):
     """What a drive tells of a car."""
 
-    drive: Drive
     fit: Fit
     figures: Sequence[Figure]
     notes: Sequence[str]
@@ -58,8 +51,7 @@ class Identification(NamedTuple):
 def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identification:
     """Return what a drive tells; raises SettingsError where no car of this model explains it."""
     notes, grid = list(drive.notes), grid_of(drive)
-    _refuse_wrong_unit(drive)
-    _refuse_wrong_sign(drive)
+    _refuse_wrong_unit_or_sign(drive)
     problem = problem_of(drive, known)
     found, found_all = fit(problem.seeking(), grid, progress), None
     rates = _of_rates(drive)
@@ -89,7 +81,15 @@ def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identifi
             f"a steering ratio of {ratio:.2g} is no car's ({_RATIO_MIN:g} to {_RATIO_MAX:g}): is"
             f" the unit of {drive.steering.name} right? (unit in --columns)"
         )
-    total = next(one for one in figures if one.name == "delay_and_lag_s")
+    named = {one.name: one for one in figures}
+    total, understeer = named["delay_and_lag_s"], named["understeer_gradient_rad_s2_m"]
+    share = 100.0 * (100.0 / 3.6) ** 2 / found.values["wheelbase_m"]
+    low, high = share * understeer.low, share * understeer.high
+    if max(-low, high) < _NEUTRAL_PERCENT:
+        notes.append(
+            f"nearly neutral: in bends at 100 km/h understeer adds {share * understeer.value:.1f} %"
+            f" [{low:.1f}, {high:.1f}] to the steering"
+        )
     if total.high < 0.0:
         notes.append(
             f"{drive.outputs[0].name} comes {-1e3 * total.value:.0f} ms before the wheel's angle"
@@ -101,7 +101,7 @@ def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identifi
             for one in figures_of(found_all, None)
             if one.name.startswith(Quantity.LATERAL_ACCELERATION) and one.name.endswith("delay_s")
         ]
-    return Identification(drive, found, figures, notes)
+    return Identification(found, figures, notes)
 
 
 def _contradicts(found: Fit, alone: Fit) -> bool:
@@ -128,9 +128,9 @@ def _of_rates(drive: Drive) -> Drive:
     return drive._replace(outputs=rates)
 
 
-def doubts_about(found: Fit, progress: Progress = quiet) -> list[Doubt]:
-    """Return the tests of a fit: simpler models, whiteness, and correlation with the input."""
-    doubts, sought = [], [one.name for one in found.problem.parameters]
+def doubts_about(found: Fit, progress: Progress = quiet) -> dict[str, str]:
+    """Return tests of a fit, and how they ended: simpler models, whiteness, correlation."""
+    doubts, sought = dict[str, str](), [one.name for one in found.problem.parameters]
     widened = np.diagonal(found.covariance) / np.diagonal(found.plain)
     allowed = found.critical**2 * max(1.0, float(np.median(widened[: len(sought)])))
     rate, errors = found.grid.judged[0], found.errors[0]
@@ -148,10 +148,10 @@ def doubts_about(found: Fit, progress: Progress = quiet) -> list[Doubt]:
         verdict = "refused" if simpler.cost - found.cost > allowed else "not refused"
         percent = found.residual_percent * rms(simpler.errors[0]) / rms(errors)
         result = f"residual {percent:.2f} % instead of {found.residual_percent:.2f} %"
-        doubts.append(Doubt(f"{what}: {verdict}", result, True))
+        doubts[f"{what}: {verdict}"] = result
     alike, white = max(map(samples_alike, found.errors)), all(map(is_white, found.errors))
     what = "errors are white" if white else "errors are not white: intervals are widened for it"
-    doubts.append(Doubt(what, f"{alike:.1f} errors in a row tell as much as one", white))
+    doubts[what] = f"{alike:.1f} errors in a row tell as much as one"
     steering = np.interp(rate.time_s, found.grid.time_s, found.grid.steering_rad)
     largest = _cross_correlation(errors, steering)
     bound = min(3.0 * float(np.sqrt(alike / len(errors))), 0.5)
@@ -160,8 +160,7 @@ def doubts_about(found: Fit, progress: Progress = quiet) -> list[Doubt]:
         if largest < bound
         else "errors correlate with the steering: the model lacks something"
     )
-    result = f"at most {largest:.2f} within 1 s, chance below {bound:.2f}"
-    return [*doubts, Doubt(what, result, largest < bound)]
+    return doubts | {what: f"at most {largest:.2f} within 1 s, chance below {bound:.2f}"}
 
 
 def _cross_correlation(errors: FloatArray, steering: FloatArray) -> float:
@@ -171,21 +170,17 @@ def _cross_correlation(errors: FloatArray, steering: FloatArray) -> float:
     return float(np.abs(later).max() / np.sqrt((e @ e) * (u @ u)))
 
 
-def _refuse_wrong_unit(drive: Drive) -> None:
-    """Refuse what turns harder than any tyre holds; raises SettingsError."""
-    _, speed = drive.at_yaw_rates()
-    side_m_s2 = float(np.quantile(np.abs(speed * drive.outputs[0].values), 0.99))
+def _refuse_wrong_unit_or_sign(drive: Drive) -> None:
+    """Refuse what turns harder than any tyre holds, or against the wheel; raises SettingsError."""
+    (steer, speed), rate = drive.at_yaw_rates(), drive.outputs[0].values
+    side_m_s2 = float(np.quantile(np.abs(speed * rate), 0.99))
     if side_m_s2 > FRICTION_MAX * GRAVITY_M_S2:
         raise SettingsError(
             f"speed times yaw rate reaches {side_m_s2:.0f} m/s2, and tyres hold at most"
             f" {FRICTION_MAX * GRAVITY_M_S2:.0f}: one of them has a wrong unit, as km/h or deg/s"
             " (unit in --columns)"
         )
-
-
-def _refuse_wrong_sign(drive: Drive) -> None:
-    steer, speed = drive.at_yaw_rates()
-    if np.corrcoef(speed * (steer - steer.mean()), drive.outputs[0].values)[0, 1] < -0.2:
+    if np.corrcoef(speed * (steer - steer.mean()), rate)[0, 1] < -0.2:
         raise SettingsError(
             "the yaw rate goes against the wheel: one of them has a wrong sign, as both are"
             " positive to the left (factor = -1 in --columns), or the car spins: leave that out by"

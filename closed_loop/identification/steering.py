@@ -82,14 +82,10 @@ def identify_steering(
     limits = ([5e-3, 0.0, 0.0], [100.0, 50.0, 50.0])
 
     # Lag and dead time lie in a narrow valley with several low places: begin at those of a grid.
-    totals, shares, plays = (
-        np.geomspace(0.1, 25.0, 12),
-        np.linspace(0.0, 1.0, 6),
-        (0.0, 0.1, 0.5, 2.0),
-    )
+    shares, plays = np.linspace(0.0, 1.0, 6), (0.0, 0.1, 0.5, 2.0)
     grid = [
         np.clip((share * total, (1.0 - share) * total, play), *limits)
-        for total, share, play in product(totals, shares, plays)
+        for total, share, play in product(np.geomspace(0.1, 25.0, 12), shares, plays)
     ]
     grid.sort(key=lambda x: float(np.sum(errors(x) ** 2)))
     # Steps wide enough for a wheel of finite resolution.

@@ -129,6 +129,7 @@ def main() -> None:
             lines = [f"car {number}, {count} sweeps: residual {found.fit.residual_percent:.2f} %"]
             told = ("understeer_gradient_rad_s2_m", "delay_and_lag_s")
             lines += [figure_line(one) for one in found.figures if one.name in told]
+            lines += [note for note in found.notes if note.startswith("nearly neutral")]
             drive_found = identified_car(found)
             for side, its in zip(SIDES_M_S2, true, strict=True):
                 mine = understeer_rad_s2_m(drive_found, wheelbase_m, side)

@@ -12,14 +12,14 @@ echoes, too.
 import argparse
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from math import inf
 from pathlib import Path
 
 from rich.progress import Progress
 
-from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
+from steer_by_wire.closed_loop.identification.bus_series import read_bus
 from steer_by_wire.closed_loop.identification.columns import (
     is_table,
     joined,
@@ -30,7 +30,6 @@ from steer_by_wire.closed_loop.identification.delay_margin import DelayMargin, d
 from steer_by_wire.closed_loop.identification.figures import TOLD, Verdict
 from steer_by_wire.closed_loop.identification.fit import Stopped
 from steer_by_wire.closed_loop.identification.identified import (
-    Doubt,
     Identification,
     doubts_about,
     identify,
@@ -109,7 +108,7 @@ def _run(options: argparse.Namespace) -> int:
     with counting_bars(plain_console(is_error=True)) as bars:
         progress = _Progress(bars)
         try:
-            channels, bus = _read(options, progress)
+            channels, network = _read(options, progress)
             source = ", ".join(log.name for log in options.logs)
             between = (options.start_s or -inf, options.end_s or inf)
             chosen = [one.within([between], 0.0) for one in channels]
@@ -120,7 +119,7 @@ def _run(options: argparse.Namespace) -> int:
             say(NAME, "interrupted while the logs were read: no file is written", sys.stderr)
             return ExitStatus.INTERRUPTED
         if options.predict is None:
-            lines = _identified(options, drive, source, bus, steering, progress)
+            lines = _identified(options, drive, source, steering, network, progress)
         else:
             percent, notes = predict(drive, *read_vehicle(options.predict))
             lines = [*map("note: {}".format, notes), f"residual of yaw rate: {percent:.2f} %"]
@@ -132,36 +131,63 @@ def _identified(
     options: argparse.Namespace,
     drive: Drive,
     source: str,
-    bus: BusLog | None,
     steering: Steering | None,
+    network: Mapping[str, str],
     progress: "_Progress",
 ) -> list[str]:
-    """Identify a drive and write the files; returns what is printed."""
+    """Identify a drive and write the files; returns what is printed.
+
+    ``network``  texts of the network's files, by name
+    """
+    from steer_by_wire.tools.identify.report import report_html  # loads matplotlib
+
     known = Known() if options.known is None else load_settings(Known, file=options.known)
     progress.keep_the_best()
     found = identify(drive, known, progress.advance)
     doubts = doubts_about(found.fit, progress.advance)
     margin = delay_margin(found.fit, found.speed_m_s, options.controller, progress.advance)
-    notes, figures = list(found.notes), list(found.figures)
-    if steering is not None:
-        notes, figures = notes + steering.notes, figures + steering.figures
-    if progress.stopped_in:
-        doubt = "intervals may be wrong"
-        if progress.stopped_in == "delays":
-            doubt = "tolerated delays were not computed"
-        stopped = f"interrupted in {progress.stopped_in}: the best so far; {doubt}"
-        notes, source = [*notes, stopped], f"{source} ({stopped})"
-    files = _tables(found, source, bus, steering)
-    found = found._replace(figures=figures, notes=notes)
+    stopped = []
+    if where := progress.stopped_in:
+        is_of_car = where != "delays"
+        doubt = "intervals may be wrong" if is_of_car else "tolerated delays were not computed"
+        stopped.append(f"interrupted in {where}: the best so far; {doubt}")
+        source += f" ({stopped[0]})"
+    files = {"vehicle.toml": vehicle_toml(found.fit, found.figures, found.speed_m_s, source)}
+    if steering is None:
+        total = {one.name: one for one in found.figures}["delay_and_lag_s"]
+        note = "of delay and lag, as a lag; sensors included"
+        lag_s = total.value if total.value >= LAG_S_MIN else 0.0
+        steering, own = Steering([total], {"lag_s": lag_s}, []), [f"# The sum {note}."]
+    else:
+        own = list[str]()
+        found = found._replace(figures=[*found.figures, *steering.figures])
+    lines = [f"# Steering identified from {source}.", *own]
+    lines += [f"# {figure_line(one)}" for one in steering.figures]
+    lines += [*table_lines("actuator", steering.table), ""]
+    found = found._replace(notes=[*found.notes, *steering.notes, *stopped])
     advice = _advice(margin, found)
-    files |= _reports(source, found, doubts, advice)
+    record = {
+        "figures": {
+            one.name: {
+                "value": one.value, "interval": [one.low, one.high], "unit": one.unit,
+                "verdict": str(one.verdict), "note": one.note,
+            }
+            for one in found.figures
+        },
+        "residual_percent": found.fit.residual_percent,
+        "tests": doubts,
+        "notes": found.notes,
+        "delays": advice,
+    }  # fmt: skip
+    files |= {"actuator.toml": "\n".join(lines), **network, "report.json": json_text(record)}
+    files["report.html"] = report_html(source, found, doubts, advice)
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         write_text(options.out / name, text)
     return [
-        *map("note: {}".format, notes),
-        *map(figure_line, figures),
-        *(f"{doubt.what}: {doubt.result}" for doubt in doubts),
+        *map("note: {}".format, found.notes),
+        *map(figure_line, found.figures),
+        *map("{0[0]}: {0[1]}".format, doubts.items()),
         f"residual of yaw rate: {found.fit.residual_percent:.2f} %",
         *advice,
         f"files in {options.out}: {', '.join(files)}",
@@ -170,14 +196,14 @@ def _identified(
 
 def _read(
     options: argparse.Namespace, progress: "_Progress"
-) -> tuple[list[Channel], BusLog | None]:
-    """Return the channels of all logs, and what a log of the bus has besides."""
+) -> tuple[list[Channel], Mapping[str, str]]:
+    """Return the channels of all logs, and files of the network that a log of the bus tells."""
     if options.columns is not None or all(map(is_table, options.logs)):
         if options.dialect is not None:
             raise SettingsError(
                 "--dialect is of a log of the bus, and these are tables: leave it out"
             )
-        return joined([read_columns(log, options.columns) for log in options.logs]), None
+        return joined([read_columns(log, options.columns) for log in options.logs]), {}
     if tables := [log for log in options.logs if is_table(log)]:
         other = next(log for log in options.logs if log not in tables)
         raise SettingsError(
@@ -192,7 +218,7 @@ def _read(
         bus = read_bus(options.logs, read_language(options.dialect), advance)
     except LogError as error:
         raise SettingsError(str(error)) from error
-    return bus.channels, bus
+    return bus.channels, network_files(bus.figures, bus.latencies)
 
 
 def _advice(margin: DelayMargin | None, found: Identification) -> list[str]:
@@ -248,54 +274,6 @@ class _Progress:
             self._what = what
             self._bars.reset(self._task, description=what + self._hint)
         self._bars.update(self._task, completed=done, total=of)
-
-
-def _tables(
-    found: Identification, source: str, bus: BusLog | None, steering: Steering | None
-) -> dict[str, str]:
-    """Return the text of the files that other commands take, by name."""
-    lines = [f"# Steering identified from {source}."]
-    if steering is None:
-        total = {one.name: one for one in found.figures}["delay_and_lag_s"]
-        lines += [
-            "# The sum of delay and lag, as a lag; sensors included.",
-            f"# {figure_line(total)}",
-        ]
-        table = {"lag_s": total.value if total.value >= LAG_S_MIN else 0.0}
-    else:
-        lines += [f"# {figure_line(one)}" for one in steering.figures]
-        table = steering.table
-    files = {
-        "vehicle.toml": vehicle_toml(found.fit, found.figures, found.speed_m_s, source),
-        "actuator.toml": "\n".join([*lines, *table_lines("actuator", table), ""]),
-    }
-    return files | ({} if bus is None else network_files(bus.figures, bus.latencies))
-
-
-def _reports(
-    source: str, found: Identification, doubts: Sequence[Doubt], advice: Sequence[str]
-) -> dict[str, str]:
-    """Return the text of the files for programs and for readers, by name."""
-    from steer_by_wire.tools.identify.report import report_html  # loads matplotlib
-
-    record = {
-        "figures": {
-            one.name: {
-                "value": one.value,
-                "interval": [one.low, one.high],
-                "unit": one.unit,
-                "verdict": str(one.verdict),
-                "note": one.note,
-            }
-            for one in found.figures
-        },
-        "residual_percent": found.fit.residual_percent,
-        "tests": [doubt._asdict() for doubt in doubts],
-        "notes": list(found.notes),
-        "delays": list(advice),
-    }
-    html = report_html(source, found, doubts, advice)
-    return {"report.json": json_text(record), "report.html": html}
 
 
 if __name__ == "__main__":
