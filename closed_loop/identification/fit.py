@@ -12,8 +12,9 @@ Vogelsang (Econometric Theory 21, 2005). For white errors L is 0, which is the u
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from scipy.signal import fftconvolve
 from ...runtime.array_types import FloatArray
 from ..pair.pair_result import rms
 from .parameters import Problem
-from .response import Grid, Response, coarse, respond, seen
+from .response import LANES, Grid, coarse, respond, seen
 from .time_series import Channel
 
 Progress = Callable[[str, int, int], None]
@@ -120,12 +121,14 @@ class _Judge:
     def turn_to(self, grid: Grid) -> None:
         """Go on with another grid of the same drive."""
         self.grid, self.slopes = grid, (np.empty(0), np.empty((0, 0)))
-        self._kept: tuple[FloatArray, Response] | None = None
+        self._kept: tuple[FloatArray, tuple[FloatArray, ...]] | None = None
 
-    def errors(self, x: FloatArray, response: Response | None = None) -> tuple[FloatArray, ...]:
-        """Return measured less seen, of each sensor; ``response`` by default is that of x."""
-        values, shown = self.problem.values(x), response or self._response(x)
-        return tuple(one.values - seen(one, shown, values) for one in self.grid.judged)
+    def errors(self, x: FloatArray) -> tuple[FloatArray, ...]:
+        """Return measured less seen, of each sensor."""
+        if self._kept is None or not np.array_equal(self._kept[0], x):
+            (errors,) = self._errors_of([self.problem.values(x)])
+            self._kept = x.copy(), errors
+        return self._kept[1]
 
     def weighed(self, of_sensors: Sequence[FloatArray]) -> FloatArray:
         """Return errors, or their derivatives, over the deviations of the sensors."""
@@ -145,13 +148,14 @@ class _Judge:
 
         They are differences, taken at x or within ``reach`` of it.
         """
-        near, scales = self.slopes[0], [one.scale for one in self.problem.coordinates[: len(x)]]
-        if len(near) != len(x) or np.any(np.abs(x - near) > self.reach * np.array(scales)):
-            base = self._response(x)
-            here = np.concatenate(self.errors(x))
-            with ThreadPoolExecutor(min(os.cpu_count() or 1, 8)) as pool:
-                columns = pool.map(lambda at: self._column(x, base, here, at), range(len(x)))
-                self.slopes = x.copy(), np.column_stack(list(columns))
+        near, coordinates = self.slopes[0], self.problem.coordinates[: len(x)]
+        scales = np.array([one.scale for one in coordinates])
+        if len(near) != len(x) or np.any(np.abs(x - near) > self.reach * scales):
+            steps, here = _DIFFERENCE * scales, np.concatenate(self.errors(x))
+            steps[x + steps > [one.high for one in coordinates]] *= -1.0
+            there = self._errors_of([self.problem.values(moved) for moved in x + np.diag(steps)])
+            changes = [np.concatenate(errors) - here for errors in there]
+            self.slopes = x.copy(), np.transpose(changes) / steps
         ends = np.cumsum([len(one.values) for one in self.grid.judged])[:-1]
         return self.weighed(np.split(self.slopes[1], ends))
 
@@ -194,32 +198,30 @@ class _Judge:
 
         ``by_residuals``  their derivatives by the sensors' residuals, shape (p, residuals)
         """
-        values, here = self.problem.values(x), self.weighed(self.errors(x))
-        moved = []
-        for hidden_rad in self.grid.unresolved:
-            grid = self.grid._replace(steering_rad=self.grid.steering_rad + hidden_rad)
-            there = self.errors(x, respond(grid, values, self.problem.known))
-            moved.append(by_residuals @ (self.weighed(there) - here))
+        here, hidden_rad = self.weighed(self.errors(x)), self.grid.unresolved
+        there = self._errors_of([self.problem.values(x)] * len(hidden_rad), hidden_rad)
+        moved = [by_residuals @ (self.weighed(one) - here) for one in there]
         covariance: FloatArray = np.transpose(moved) @ moved / len(moved)
         return covariance
 
-    def _response(self, x: FloatArray) -> Response:
-        if self._kept is None or not np.array_equal(self._kept[0], x):
-            values = self.problem.values(x)
-            self._kept = x.copy(), respond(self.grid, values, self.problem.known)
-        return self._kept[1]
+    def _errors_of(
+        self, cars: Sequence[Mapping[str, float]], hidden_rad: FloatArray | None = None
+    ) -> list[tuple[FloatArray, ...]]:
+        """Return the errors of cars with these parameters; the rest is as in ``respond``."""
+        workers = min(os.cpu_count() or 1, 8)
+        size = min(-(-len(cars) // workers // 4) * 4, LANES)
 
-    def _column(self, x: FloatArray, base: Response, here: FloatArray, at: int) -> FloatArray:
-        parameter = self.problem.coordinates[at]
-        step = _DIFFERENCE * parameter.scale
-        step = -step if x[at] + step > parameter.high else step
-        moved = x.copy()
-        moved[at] += step
-        of_sensor = ":" in parameter.name or parameter.name == "yaw_rate_offset_rad_s"
-        values, known = self.problem.values(moved), self.problem.known
-        response = base if of_sensor else respond(self.grid, values, known)
-        slope: FloatArray = (np.concatenate(self.errors(moved, response)) - here) / step
-        return slope
+        def errors(first: int) -> list[tuple[FloatArray, ...]]:
+            part = slice(first, first + size)
+            hidden = None if hidden_rad is None else hidden_rad[part]
+            responses = respond(self.grid, cars[part], self.problem.known, hidden)
+            return [
+                tuple(one.values - seen(one, response, values) for one in self.grid.judged)
+                for values, response in zip(cars[part], responses, strict=True)
+            ]
+
+        with ThreadPoolExecutor(workers) as pool:
+            return [*chain.from_iterable(pool.map(errors, range(0, len(cars), size)))]
 
 
 def fit(problem: Problem, grid: Grid, progress: Progress = quiet, begin: Fit | None = None) -> Fit:

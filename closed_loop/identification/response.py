@@ -3,10 +3,14 @@
 Inputs are the measured steering and speed, outputs those of ``car_step`` every STEP_S, the plant's
 own step; so a car that the plant drove is fitted without an error of integration. The speed is
 imposed, and with it the longitudinal forces.
+
+Several cars are lanes of one loop, which a processor advances by vectors: each lane has the bits of
+its car alone.
 """
 
-from collections.abc import Mapping
-from math import exp, sqrt
+from collections.abc import Mapping, Sequence
+from itertools import repeat
+from math import ceil, exp, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,14 +18,20 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import uniform_filter1d
 
 from ...plant_emulator.vehicle.car.car_design import car_params
-from ...plant_emulator.vehicle.car.car_step import CarInput, CarState, car_step
+from ...plant_emulator.vehicle.car.car_step import CarInput, CarParams, CarState, car_step
+from ...plant_emulator.vehicle.car.tyre import TyreParams
 from ...runtime.array_types import FloatArray, IntArray
-from ..compiled.compilation import compiled
-from ..compiled.step_functions import register_steps
+from ..compiled.compilation import compiled_unchecked
+from ..compiled.memory import on_stack
+from ..compiled.step_functions import register, register_steps
 from .parameters import Known, car_tables
 from .time_series import Channel, Drive, Quantity
 
 STEP_S = 0.001
+LANES = 16
+"""Cars at once: they take as long as six one by one."""
+_BLOCK = 32
+"""Steps whose steering is read before the first of them, and whose outputs are kept after."""
 _COARSE = 5
 SETTLING_S = 1.0
 """At the start of a segment, not judged: the car's state there is not known."""
@@ -101,23 +111,34 @@ class Response(NamedTuple):
     lateral_acceleration_m_s2: FloatArray
 
 
-def respond(grid: Grid, values: Mapping[str, float], known: Known) -> Response:
-    """Return what a car with these parameters does on a drive."""
+def respond(
+    grid: Grid,
+    cars: Sequence[Mapping[str, float]],
+    known: Known,
+    hidden_rad: FloatArray | None = None,
+) -> list[Response]:
+    """Return what cars with these parameters do on a drive.
+
+    ``hidden_rad``  what is added to the steering of each, shape (cars, steps)
+    """
     register_steps()
-    response = Response(grid.time_s, *np.empty((2, len(grid.time_s))))
-    lag_s = sqrt(values["lag_squared_s2"])
-    steering = (
-        1.0 / values["steering_ratio"],
-        values["steering_offset_rad"] / values["steering_ratio"],
-        lag_s,
-        (values["delay_and_lag_s"] - lag_s) / grid.step_s,
-        known.lateral_acceleration_ahead_m,
-    )
-    driven = grid.steering_rad, grid.speed_m_s, grid.acceleration_m_s2
+    register(_car_of)
+    params = [car_params(*car_tables(values, known)) for values in cars]
+    numbers = np.array([*map(_numbers_of, params, cars, repeat(grid.step_s))])
+    magic = params[0].front[3:] if known.tyre == "magic_formula" else None
+    steered = np.atleast_2d(grid.steering_rad + (0.0 if hidden_rad is None else hidden_rad))
+    outputs = np.empty((len(cars), 2, len(grid.time_s)))
+    ahead_1_s = known.lateral_acceleration_ahead_m / grid.step_s
     segments = grid.starts, grid.first_yaw_rates_rad_s
-    params = car_params(*car_tables(values, known))
-    _respond(params, steering, grid.step_s, *segments, *driven, *response[1:])
-    return response
+    drive = grid.step_s, ahead_1_s, *segments, grid.speed_m_s, grid.acceleration_m_s2
+    for first in range(0, len(cars), LANES):
+        own = outputs[first : first + LANES]
+        # Vectors have four lanes, or eight: those without a car repeat the last one.
+        lanes = -(-len(own) // 4) * 4 if len(own) > 1 else 1
+        at = np.minimum(first + np.arange(LANES), len(cars) - 1)
+        rows = np.minimum(at[:lanes], len(steered) - 1)
+        _respond(np.take(numbers, at, axis=0).T.ravel(), magic, rows, steered, drive, own)
+    return [Response(grid.time_s, *output) for output in outputs]
 
 
 def seen(channel: Channel, response: Response, values: Mapping[str, float]) -> FloatArray:
@@ -130,42 +151,96 @@ def seen(channel: Channel, response: Response, values: Mapping[str, float]) -> F
     return values.get(f"{name}:gain", 1.0) * shown + offset
 
 
-@compiled
-def _respond(
-    p: Any,
-    steering: Any,
-    h_s: float,
-    starts: Any,
-    first_yaw_rates: Any,
-    steer_rad: Any,
-    speed_m_s: Any,
-    acceleration_m_s2: Any,
-    yaw_rates: Any,
-    accelerations: Any,
-) -> None:
-    share, offset_rad, lag_s, dead_steps, ahead_m = steering
+def _numbers_of(p: CarParams, values: Mapping[str, float], h_s: float) -> tuple[float, ...]:
+    """Return what ``_respond`` needs of a car and its steering."""
+    ratio, lag_s = values["steering_ratio"], sqrt(values["lag_squared_s2"])
+    dead_steps = (values["delay_and_lag_s"] - lag_s) / h_s
     # Exact for steering that is straight between two steps.
     kept = exp(-h_s / lag_s) if lag_s > 0.0 else 0.0
     newer = 1.0 - lag_s / h_s * (1.0 - kept)
+    offset_rad, late = values["steering_offset_rad"] / ratio, ceil(dead_steps)
+    steering = late, late - dead_steps, 1.0 / ratio, offset_rad, kept, newer
+    return (*p.front[:3], *p.rear[:3], *p[:10], *p[12:], *steering)
+
+
+def _car_of(c: Any, i: int, shape: float, curvature: float) -> CarParams:
+    """Return the car of a lane, with tyres of this Magic Formula, or Fiala's."""
+    n = LANES
+    front = TyreParams(c[i], c[i + n], c[i + 2 * n], shape, curvature)
+    rear = TyreParams(c[i + 3 * n], c[i + 4 * n], c[i + 5 * n], shape, curvature)
+    return CarParams(
+        c[i + 6 * n], c[i + 7 * n], c[i + 8 * n], c[i + 9 * n], c[i + 10 * n], c[i + 11 * n],
+        c[i + 12 * n], c[i + 13 * n], c[i + 14 * n], c[i + 15 * n], front, rear,
+        c[i + 16 * n], c[i + 17 * n], c[i + 18 * n], c[i + 19 * n],
+    )  # fmt: skip
+
+
+def _of_lanes() -> Any:
+    """Return a number of each lane, on the stack."""
+
+
+def _of_block() -> Any:
+    """Return a number of each lane in each step of a block, on the stack."""
+
+
+on_stack(_of_lanes, LANES)
+on_stack(_of_block, _BLOCK * LANES)
+
+
+@compiled_unchecked
+def _respond(c: Any, magic: Any, rows: Any, steered: Any, drive: Any, outputs: Any) -> None:
+    """Advance all lanes step by step.
+
+    ``c``      what ``_numbers_of`` returns of each lane, shape (numbers * LANES,)
+    ``magic``  shape and curvature of all tyres; None for Fiala's
+    ``rows``   of ``steered``, shape (lanes,)
+
+    LLVM takes the lanes as vectors, because it sees that their arrays cannot overlap: they lie on
+    the stack, and the numbers of ``c`` at constant distances. The kind of tyre is known when this
+    is compiled; a vector would compute both.
+    """
+    h_s, ahead_1_s, starts, first_yaw_rates, speed_m_s, acceleration_m_s2 = drive
+    lanes = len(rows)
+    shape, curvature = (0.0, 0.0) if magic is None else magic
+    late, along, share, offset_rad = 20 * LANES, 21 * LANES, 22 * LANES, 23 * LANES
+    kept, newer = 24 * LANES, 25 * LANES
+    v, r, front, rear = _of_lanes(), _of_lanes(), _of_lanes(), _of_lanes()
+    a_x, front_n, wheel_rad, before_rad = _of_lanes(), _of_lanes(), _of_lanes(), _of_lanes()
+    goals_rad, rates, sides = _of_block(), _of_block(), _of_block()
     for segment in range(len(starts) - 1):
         first, after = starts[segment], starts[segment + 1]
-        r = first_yaw_rates[segment]
-        x = CarState(speed_m_s[first], 0.0, r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        before_rad = wheel_rad = steer_rad[first] * share + offset_rad
-        for step in range(first, after):
-            place = min(max(step - dead_steps, first), after - 1.0)
-            below = min(int(place), after - 2)
-            along = place - below
-            measured = (1.0 - along) * steer_rad[below] + along * steer_rad[below + 1]
-            goal_rad = measured * share + offset_rad
-            wheel_rad = kept * wheel_rad + newer * goal_rad + (1.0 - kept - newer) * before_rad
-            before_rad = goal_rad
-            # Driven for is also what bends take of the speed.
-            bends_m_s2 = x.front_lateral_n * wheel_rad * p.mass_1_kg - x.lateral_speed_m_s * r
-            demand_m_s2 = acceleration_m_s2[step] + bends_m_s2
-            inputs = CarInput(wheel_rad, demand_m_s2, 0.0, 0.0, 1.0, 0.0)
-            _, v, r, front, rear, a_x, a_y, force, use, _, _, _ = car_step(p, x, inputs, h_s)
-            yaw_rates[step] = x.yaw_rate_rad_s
-            accelerations[step] = a_y + ahead_m * (r - x.yaw_rate_rad_s) / h_s
-            driven = speed_m_s[min(step + 1, after - 1)]
-            x = CarState(driven, v, r, front, rear, a_x, a_y, force, use, 0.0, 0.0, 0.0)
+        for i in range(lanes):
+            r[i] = first_yaw_rates[segment]
+            v[i] = front[i] = rear[i] = a_x[i] = front_n[i] = 0.0
+            before_rad[i] = steered[rows[i], first] * c[share + i] + c[offset_rad + i]
+            wheel_rad[i] = before_rad[i]
+        for start in range(first, after, _BLOCK):
+            count = min(_BLOCK, after - start)
+            for i in range(lanes):
+                part, place = c[along + i], start - int(c[late + i])
+                for j in range(count):
+                    below = steered[rows[i], min(max(place + j, first), after - 1)]
+                    above = steered[rows[i], min(max(place + j + 1, first), after - 1)]
+                    measured = (1.0 - part) * below + part * above
+                    goals_rad[j * LANES + i] = measured * c[share + i] + c[offset_rad + i]
+            for j in range(count):
+                u, driven_m_s2 = speed_m_s[start + j], acceleration_m_s2[start + j]
+                for i in range(lanes):
+                    k, n, goal_rad = c[kept + i], c[newer + i], goals_rad[j * LANES + i]
+                    wheel = k * wheel_rad[i] + n * goal_rad + (1.0 - k - n) * before_rad[i]
+                    before_rad[i], wheel_rad[i] = goal_rad, wheel
+                    p = _car_of(c, i, shape, curvature)
+                    x = CarState(
+                        u, v[i], r[i], front[i], rear[i], a_x[i], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                    )
+                    # Driven for is also what bends take of the speed.
+                    bends_m_s2 = front_n[i] * wheel * p.mass_1_kg - v[i] * r[i]
+                    inputs = CarInput(wheel, driven_m_s2 + bends_m_s2, 0.0, 0.0, 1.0, 0.0)
+                    y = car_step(p, x, inputs, h_s)
+                    rates[j * LANES + i] = r[i]
+                    sides[j * LANES + i] = y.lateral_m_s2 + ahead_1_s * (y.yaw_rate_rad_s - r[i])
+                    _, v[i], r[i], front[i], rear[i], a_x[i], _, front_n[i], _, _, _, _ = y
+            for i in range(len(outputs)):
+                for j in range(count):
+                    outputs[i, 0, start + j] = rates[j * LANES + i]
+                    outputs[i, 1, start + j] = sides[j * LANES + i]

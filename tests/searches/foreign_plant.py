@@ -69,7 +69,7 @@ def identified_car(found: Identification) -> Driven:
         time_s, still = STEP_S * np.arange(len(wheel_rad)), np.zeros_like(wheel_rad)
         speed, ends = np.full_like(wheel_rad, speed_m_s), np.array([0, len(wheel_rad)])
         driven = Grid((), STEP_S, ends, still[:1], time_s, wheel_rad, speed, still, still[:0])
-        return respond(driven, values, known).yaw_rate_rad_s, speed
+        return respond(driven, [values], known)[0].yaw_rate_rad_s, speed
 
     return drive
 

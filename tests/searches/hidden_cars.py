@@ -36,8 +36,8 @@ def one_car(seed: int) -> Row:
     car = drawn_car(rng)
     is_prescribed, knows = seed % 3 < 2, seed % 2 == 0
     drive = prescribed(car) if is_prescribed else normal(car, rng)
-    delays_s = {"lateral_acceleration_m_s2": float(rng.uniform(0.01, 0.08))}
-    network = float(rng.uniform(0.0, 0.004)), float(rng.uniform(0.0, 0.03))
+    delays_s = {"lateral_acceleration_m_s2": rng.uniform(0.01, 0.08)}
+    network = rng.uniform(0.0, 0.004), rng.uniform(0.0, 0.03)
     drawn = log_of(car, *drive, rng, delays_s=delays_s, knows=knows, network=network)
     row = {"seed": seed, "prescribed": is_prescribed, "knows": knows}
     return row | told(drawn.channels, drawn.known, drawn.truth)

@@ -2,13 +2,12 @@
 
     python -m tests.searches.identified_on_the_road
 
-Cars are drawn and identified from 60 s of prescribed driving. Prints the largest deviation of each
+Six drawn cars are identified from 60 s of prescribed driving. Prints the largest deviation of each
 on the roads of the specification ``road``, at 0, 100 and 200 ms: with the preset, with the design
 for the car as identified, with that where the path ahead is known, and there with ``highway_mpc``,
 told the vehicle and the design's steering. Of every second car mass, geometry and ratio are told.
 """
 
-import argparse
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -39,13 +38,9 @@ def true_vehicle(truth: Mapping[str, float], known: Known) -> VehicleFile:
     """Return a drawn car as it is."""
     vehicle, car = car_tables(truth, known)
     lag_s = float(np.sqrt(truth["lag_squared_s2"]))
-    return VehicleFile.model_validate(
-        {
-            "vehicle": vehicle.model_dump(include=set(NominalVehicle._fields)),
-            "car": car,
-            "actuator": {"lag_s": lag_s, "dead_time_s": truth["delay_and_lag_s"] - lag_s},
-        }
-    )
+    nominal = vehicle.model_dump(include=set(NominalVehicle._fields))
+    actuator = {"lag_s": lag_s, "dead_time_s": truth["delay_and_lag_s"] - lag_s}
+    return VehicleFile.model_validate({"vehicle": nominal, "car": car, "actuator": actuator})
 
 
 def one_car(seed: int, spec: Specification) -> list[list[float]]:
@@ -78,17 +73,14 @@ def one_car(seed: int, spec: Specification) -> list[list[float]]:
     return runs
 
 
-def main(arguments: list[str]) -> None:
+def main() -> None:
     """Print a row of each car."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=6)
     spec = load_settings(Specification, None, SHIPPED / "road.toml")
-    for seed in range(parser.parse_args(arguments).count):
+    for seed in range(6):
         rows = zip(("preset", "designed", "path known", "mpc"), one_car(seed, spec), strict=True)
         words = [f"{name} {' '.join(map('{:.2f}'.format, row))} m" for name, row in rows]
         sys.stdout.write(f"{seed}: {', '.join(words)}\n")
-        sys.stdout.flush()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -1,14 +1,13 @@
 """Count false alarms of the watch on signals and of the model's fit in ordinary runs.
 
-    python -m tests.searches.ordinary_runs [--runs 1000] [--seed 1]
+    python -m tests.searches.ordinary_runs 1000 1
 
 A run in virtual time is one of ``tests.controller.node.test_plausibility``: a preset, a vehicle of
 its box, network, noise, side wind and an offset; here also on a drawn path. Prints every alarm, and
-their count with the interval of Clopper and Pearson; ends with status 1 if there is one. Takes
-about twenty CPU minutes for a thousand.
+their count with the interval of Clopper and Pearson; ends with status 1 if there is one. The words
+are how many runs, and a seed; a thousand take about twenty CPU minutes.
 """
 
-import argparse
 import sys
 from typing import Any
 
@@ -54,19 +53,16 @@ def alarm_in(seed: int) -> str:
 
 def main() -> int:
     """Drive the runs; returns 1 if one raised an alarm."""
-    parser = argparse.ArgumentParser(prog="python -m tests.searches.ordinary_runs")
-    parser.add_argument("--runs", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+    runs, seed = map(int, sys.argv[1:])
     alarms = 0
-    for number in range(options.runs):
-        alarm = alarm_in(1_000_000 * options.seed + number)
+    for number in range(runs):
+        alarm = alarm_in(1_000_000 * seed + number)
         alarms += bool(alarm)
         sys.stdout.write(f"{alarm}\n" if alarm else "")
         if (number + 1) % 50 == 0:
             sys.stderr.write(f"{number + 1} runs, {alarms} with an alarm\n")
-    low, high = binomtest(alarms, options.runs).proportion_ci(method="exact")
-    sys.stdout.write(f"alarms in {alarms} of {options.runs} runs ({low:.2%} to {high:.2%})\n")
+    low, high = binomtest(alarms, runs).proportion_ci(method="exact")
+    sys.stdout.write(f"alarms in {alarms} of {runs} runs ({low:.2%} to {high:.2%})\n")
     return int(alarms > 0)
 
 

@@ -32,7 +32,7 @@ def report_html(
         for one in found.figures
     ]  # fmt: skip
     headings = ["", "value", "95 %", "unit", "verdict", ""]
-    response = respond(found.fit.grid, found.fit.values, found.fit.problem.known)
+    (response,) = respond(found.fit.grid, [found.fit.values], found.fit.problem.known)
     ways = (
         "Delays are from the wheel's angle to the yaw rate, those of further sensors after it, and"
         " those of the actuator from the command to the wheel's angle."

@@ -20,12 +20,16 @@ from steer_by_wire.closed_loop.identification.identified import (
     identify,
     predict,
 )
+from steer_by_wire.closed_loop.identification.parameters import Known, car_tables
+from steer_by_wire.closed_loop.identification.response import LANES, STEP_S, Grid, respond
 from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity, make_drive
 from steer_by_wire.closed_loop.identification.vehicle_file import (
     figure_line,
     read_vehicle,
     vehicle_toml,
 )
+from steer_by_wire.plant_emulator.vehicle.car.car_design import car_params
+from steer_by_wire.plant_emulator.vehicle.car.car_step import CarInput, CarState, car_step
 from steer_by_wire.runtime.settings import SettingsError
 from tests.searches.foreign_plant import identified_car, understeer_rad_s2_m
 from tests.searches.hidden_cars import EXPECTED, one_car
@@ -48,6 +52,32 @@ def drawn() -> DrawnDrive:
 def found() -> Identification:
     one = drawn()
     return identify(make_drive(one.channels, "drawn"), one.known)
+
+
+@pytest.mark.parametrize("tyre", ["fiala", "magic_formula"])
+def test_each_of_several_cars_has_the_bits_of_its_own(tyre: str) -> None:
+    """They slide, stop and stand; those without lag are computed in plain Python, too."""
+    rng, known, time_s = np.random.default_rng(1), Known(tyre=tyre), STEP_S * np.arange(500)
+    speed = np.concatenate((np.linspace(0, 9, 100), np.linspace(20, -5, 400).clip(0.0)))
+    inputs = 20.0 * rng.uniform(-1.0, 1.0, 500), speed, np.gradient(speed, STEP_S)
+    starts, rates = np.array([0, 100, 500]), np.array([0.1, -0.1])
+    grid = Grid((), STEP_S, starts, rates, time_s, *inputs, np.empty(0))
+    late = [drawn_car(rng) for _ in range(LANES + 3)]
+    for car, response in zip(late, respond(grid, late, known), strict=True):
+        np.testing.assert_array_equal(response, respond(grid, [car], known)[0])
+    cars = [car | {"lag_squared_s2": 0.0, "delay_and_lag_s": 0.0} for car in late]
+    for car, response in zip(cars, respond(grid, cars, known), strict=True):
+        p, ratio = car_params(*car_tables(car, known)), car["steering_ratio"]
+        for step, (steering_rad, u, driven_m_s2) in enumerate(zip(*inputs, strict=True)):
+            if step in starts:
+                x = CarState(u, 0.0, rates[step // 100], *[0.0] * 9)
+            _, v, r, *_, force_n, _, _, _, _ = x
+            assert response.yaw_rate_rad_s[step] == r
+            wheel_rad = steering_rad * (1.0 / ratio) + car["steering_offset_rad"] / ratio
+            bends_m_s2 = force_n * wheel_rad * p.mass_1_kg - v * r
+            acts = CarInput(wheel_rad, driven_m_s2 + bends_m_s2, 0.0, 0.0, 1.0, 0.0)
+            x = car_step(p, x._replace(speed_m_s=u), acts, STEP_S)
+            assert response.lateral_acceleration_m_s2[step] == x.lateral_m_s2
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -90,11 +120,9 @@ def test_an_identified_car_shows_its_understeer_in_a_steady_bend() -> None:
 
 def test_no_dead_time_is_below_zero() -> None:
     """Of a yaw rate whose clock is early the sum is, which is said, but not its parts."""
-    early = [
-        one._replace(time_s=one.time_s - 0.3) if one.quantity is Quantity.YAW_RATE else one
-        for one in drawn().channels[:3]
-    ]
-    found = identify(make_drive(early, "early"), drawn().known)
+    wheel, speed, rate, _ = drawn().channels
+    early = rate._replace(time_s=rate.time_s - 0.3)
+    found = identify(make_drive([wheel, speed, early], "early"), drawn().known)
     figures = {one.name: one for one in found.figures}
     assert figures["delay_and_lag_s"].high < 0.0
     assert "before the wheel's angle has an effect" in found.notes[-1]
@@ -139,8 +167,7 @@ def test_a_vehicle_file_predicts_its_own_log(tmp_path) -> None:
     file = tmp_path / "vehicle.toml"
     file.write_text(vehicle_toml(found().fit, found().figures, 16.7, "a test"))
     drive = make_drive(drawn().channels, "drawn")
-    (rate,) = [at for at, one in enumerate(drive.outputs) if one.quantity is Quantity.YAW_RATE]
-    late = drive.outputs[rate]._replace(time_s=drive.outputs[rate].time_s + 0.04)
+    late = drive.outputs[0]._replace(time_s=drive.outputs[0].time_s + 0.04)
     _, notes = predict(drive._replace(outputs=(late,)), *read_vehicle(file))
     assert "comes 40 ms later" in notes[-1]
 
@@ -168,9 +195,8 @@ def test_a_car_steered_at_the_rear_is_refused_in_words() -> None:
 
 
 def test_a_yaw_rate_of_wrong_sign_or_unit_is_refused_in_words() -> None:
-    channels = {one.quantity: one for one in drawn().channels}
-    rate = channels[Quantity.YAW_RATE]
+    wheel, speed, rate, side = drawn().channels
     for factor, complaint in ((-1.0, "goes against the wheel"), (57.3, "has a wrong unit")):
-        wrong = channels | {rate.quantity: rate._replace(values=factor * rate.values)}
+        wrong = rate._replace(values=factor * rate.values)
         with pytest.raises(SettingsError, match=complaint):
-            identify(make_drive([*wrong.values()], "drawn"), drawn().known)
+            identify(make_drive([wheel, speed, wrong, side], "drawn"), drawn().known)

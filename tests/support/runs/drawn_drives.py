@@ -51,11 +51,10 @@ def drawn_car(rng: np.random.Generator) -> dict[str, float]:
     }
 
 
-def gain_1_s(car: Mapping[str, float], speed_m_s: float | FloatArray) -> FloatArray:
+def gain_1_s(car: Mapping[str, float], speed_m_s: FloatArray) -> FloatArray:
     """Return yaw rate over hand wheel angle in a steady turn."""
     gradient = (1.0 / car["front_c"] - 1.0 / car["rear_c"]) / 9.80665
-    speed = np.asarray(speed_m_s)
-    return speed / (car["wheelbase_m"] + gradient * speed**2) / car["steering_ratio"]
+    return speed_m_s / (car["wheelbase_m"] + gradient * speed_m_s**2) / car["steering_ratio"]
 
 
 def prescribed(car: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
@@ -69,10 +68,8 @@ def prescribed(car: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         ramp = np.clip((time_s - start_s) / 0.2, 0, 1) - np.clip((time_s - end_s) / 0.2, 0, 1)
         a_y = a_y + level * ramp
     slalom_s = np.clip(time_s - 55.0, 0.0, 14.0)
-    limit = 9.0 * car["friction"]
-    a_y = a_y + limit * slalom_s / 14.0 * np.sin(2.0 * np.pi * 0.45 * slalom_s)
-    steering: FloatArray = a_y / speed / gain_1_s(car, speed)
-    return steering, speed
+    a_y = a_y + 9.0 * car["friction"] * slalom_s / 14.0 * np.sin(2.0 * np.pi * 0.45 * slalom_s)
+    return a_y / speed / gain_1_s(car, speed), speed
 
 
 def normal(car: Mapping[str, float], rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -80,9 +77,9 @@ def normal(car: Mapping[str, float], rng: np.random.Generator) -> tuple[FloatArr
     time_s = np.arange(0.0, 120.0, STEP_S)
     knots = rng.uniform(11.0, 25.0, 13)
     speed = np.interp(time_s, np.arange(0.0, 121.0, 10.0), knots)
-    noise = rng.standard_normal(len(time_s))
     kept = np.exp(-STEP_S / 0.8)
-    slow = lfilter([1.0 - kept], [1.0, -kept], lfilter([1.0 - kept], [1.0, -kept], noise))
+    low = [1.0 - kept], [1.0, -kept]
+    slow = lfilter(*low, lfilter(*low, rng.standard_normal(len(time_s))))
     a_y = 1.2 * slow / slow.std()
     return a_y / speed / gain_1_s(car, speed), speed
 
@@ -104,20 +101,18 @@ def log_of(
     ``network``   jitter of its latency [s] and share of samples lost, in bursts of three
     """
     lag_s = float(np.sqrt(car["lag_squared_s2"]))
-    dead_s = car["delay_and_lag_s"] - lag_s
-    steps = np.arange(len(steering_rad))
+    steps, dead_s = np.arange(len(steering_rad)), car["delay_and_lag_s"] - lag_s
     late = np.interp(steps - dead_s / STEP_S, steps, steering_rad)
     kept = np.exp(-STEP_S / lag_s)
     # Exact for steering that is straight between two steps.
-    ahead = 1.0 - lag_s / STEP_S * (1.0 - kept)
-    taps = [ahead, 1.0 - kept - ahead]
-    wheel = lfilter(taps, [1.0, -kept], late, zi=[late[0] * (1.0 - ahead)])[0]
+    new = 1.0 - lag_s / STEP_S * (1.0 - kept)
+    wheel, _ = lfilter([new, 1.0 - kept - new], [1.0, -kept], late, zi=[late[0] * (1.0 - new)])
     still = {**car, "lag_squared_s2": 0.0, "delay_and_lag_s": 0.0}
     ends, driven = np.array([0, len(steps)]), (speed_m_s, np.gradient(speed_m_s, STEP_S))
     time_s = steps * STEP_S
     at_ends = np.append(wheel[1:], wheel[-1:])
     grid = Grid((), STEP_S, ends, np.zeros(1), time_s, at_ends, *driven, np.empty(0))
-    response = respond(grid, still, Known())
+    (response,) = respond(grid, [still], Known())
     # The sensor's steps lie anywhere: straight on is within one, and not in its middle.
     zero_rad = float(rng.uniform(-0.5, 0.5)) * _STEP_RAD
     side = Quantity.LATERAL_ACCELERATION
@@ -132,23 +127,20 @@ def log_of(
     ):
         seen = np.interp(at_s - (delays_s or {}).get(quantity, 0.0), time_s, values)
         noisy = np.round((seen + noise * rng.standard_normal(len(at_s))) / quantum) * quantum
-        channels.append(_received(Channel(str(quantity), quantity, at_s, noisy), rng, network))
-    known = Known()
-    if knows:
-        known = Known(
-            mass_kg=1800.0,
-            wheelbase_m=car["wheelbase_m"],
-            front_axle_distance_m=car["front_share"] * car["wheelbase_m"],
-            steering_ratio=car["steering_ratio"],
-        )
+        channels.append(_received(Channel(str(quantity), quantity, at_s, noisy), rng, *network))
+    told = {
+        "mass_kg": 1800.0,
+        "wheelbase_m": car["wheelbase_m"],
+        "front_axle_distance_m": car["front_share"] * car["wheelbase_m"],
+        "steering_ratio": car["steering_ratio"],
+    }
     truth = {f"{name}:delay_s": value for name, value in (delays_s or {}).items()} | car
     truth["steering_offset_rad"] -= zero_rad
-    return DrawnDrive(channels, truth, known)
+    return DrawnDrive(channels, truth, Known(**told) if knows else Known())
 
 
-def _received(channel: Channel, rng: np.random.Generator, network: tuple[float, float]) -> Channel:
+def _received(channel: Channel, rng: np.random.Generator, jitter_s: float, loss: float) -> Channel:
     """Return the samples that arrive, in order, at the times of their arrival."""
-    jitter_s, loss = network
     if not jitter_s:
         return channel
     late_s = rng.gamma(2.0, jitter_s / np.sqrt(2.0), len(channel.time_s)) - np.sqrt(2.0) * jitter_s
