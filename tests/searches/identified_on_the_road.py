@@ -9,6 +9,7 @@ told the vehicle and the design's steering. Of every second car mass, geometry a
 """
 
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,7 +27,6 @@ from steer_by_wire.plant_emulator.sensors.settings import PathAheadSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design.predictor_design import design_predictor
 from steer_by_wire.tools.design.road import on_road, road_plants
-from steer_by_wire.tools.design.search.evolution import ends_after
 from steer_by_wire.tools.design.specification import Specification
 from steer_by_wire.tools.design.vehicle_file import VehicleFile, load_vehicle
 from steer_by_wire.tools.design.virtual_check import constant, drive
@@ -56,7 +56,7 @@ def one_car(seed: int, spec: Specification) -> list[list[float]]:
         identified = load_vehicle(Path(folder))
     road = required(spec.road)
     preset, fallback = map(controller_preset, ("highway_predictor", "highway_pd_ddob"))
-    design = design_predictor(spec, on_road(road, identified), fallback, ends_after(5.0))
+    design = design_predictor(spec, on_road(road, identified), fallback, time.monotonic() + 300.0)
     designed, steering = design.settings, ("actuator_lag_s", "actuator_dead_time_s")
     words = [f"estimator.{key}={getattr(designed.estimator, key)}" for key in steering]
     told = {"nominal_model": designed.nominal_model}

@@ -8,7 +8,6 @@ from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .demands import Demand, Judgement, Study, driven, make_study, plants_at
-from .search.evolution import Check
 from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
 from .search.parameter_search import Found, find
 from .specification import Specification
@@ -53,10 +52,13 @@ class Design(NamedTuple):
     jitter_rms_m: tuple[float, ...]
 
 
-def design(spec: Specification, vehicle: VehicleFile, law: str, check: Check) -> Design | Found:
-    """Return the law that is best by the specification; what was found if it is no design."""
+def design(spec: Specification, vehicle: VehicleFile, law: str, until_s: float) -> Design | Found:
+    """Return the law that is best by the specification; what was found if it is no design.
+
+    ``until_s``  of the monotonic clock: then the best so far is taken
+    """
     fine = make_study(spec, vehicle, fine=True)
-    found = find(make_study(spec, vehicle, fine=False), fine, law, check)
+    found = find(make_study(spec, vehicle, fine=False), fine, law, until_s)
     return describe(fine, found) if found.feasible else found
 
 

@@ -42,7 +42,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
 from .demands import Demand
 from .road import lag_of, road_plants, roads_in_words
-from .search.evolution import Check, Search, SearchStoppedError, Values
+from .search.evolution import Search, Values
 from .search.law_parameters import validity, with_set_point
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
@@ -288,37 +288,31 @@ def design_predictor(
     spec: Specification,
     vehicle: VehicleFile,
     fallback: ControllerSettings,
-    check: Check,
+    until_s: float,
     near: Sequence[Values] = (),
 ) -> PredictorDesign:
     """Return the best predictor by the specification, which falls back to ``fallback``.
 
-    ``near``  known designs, near each of which a start begins; then one in the middle of the ranges
+    ``until_s``  of the monotonic clock: then the best so far is taken
+    ``near``     known designs, near each of which a start begins, before one in the middle of the
+                 ranges
     """
-    ended = True
     with ThreadPoolExecutor(_THREADS) as pool:
         task = Task(pool, spec, vehicle)
         ranges, middle = _ranges(task)
 
         def cost(values: Values) -> float:
-            if search.judged:
-                check()
             try:
                 return _cost(task, _settings(task, fallback, values), search.least)
             except SettingsError:
                 return LEFT_M * LEFT_M
 
-        search = Search(cost, ranges, _DIGITS)
-        try:
-            for start, place in enumerate((*near, middle)):
-                seed = spec.search.seed + start
-                for _ in search.evolve(seed, task.table.generations, place, _SPREAD):
-                    check()
-        except SearchStoppedError:
-            ended = False
+        search = Search(cost, ranges, until_s, _DIGITS)
+        for start, place in enumerate((*near, middle)):
+            search.evolve(spec.search.seed + start, task.table.generations, place, _SPREAD)
         (best,) = search.best(1)
         design = describe_predictor(task, _settings(task, fallback, best))
-        return design._replace(judged=search.judged, ended=ended, values=best)
+        return design._replace(judged=search.judged, ended=search.ended, values=best)
 
 
 def _ranges(task: Task) -> tuple[dict[str, tuple[float, float]], Values]:

@@ -36,7 +36,6 @@ from .report import (
     unmet_text,
 )
 from .road import on_road
-from .search.evolution import ends_after
 from .search.law_parameters import KEYS, SETTINGS_KEYS, controller_settings, with_set_point
 from .search.parameter_search import Found
 from .specification import Specification
@@ -64,6 +63,11 @@ class Job(NamedTuple):
     minutes: float
     basis: ControllerSettings | None = None
     basis_ended: bool = True
+
+    @property
+    def until_s(self) -> float:
+        """When a search that begins now ends, by the monotonic clock."""
+        return time.monotonic() + 60.0 * self.minutes
 
 
 class Outcome(NamedTuple):
@@ -107,7 +111,7 @@ def run_job(job: Job) -> Outcome:
 
 def _linear_law(job: Job) -> Outcome:
     spec, vehicle, law = job.spec, job.vehicle, job.law
-    designed = design(spec, vehicle, law, ends_after(job.minutes))
+    designed = design(spec, vehicle, law, job.until_s)
     if isinstance(designed, Found):
         demands = designed.judgement.demands
         settings = controller_settings(spec, vehicle, law, designed.values)
@@ -128,7 +132,7 @@ def _linear_law(job: Job) -> Outcome:
 def _predictor(job: Job) -> Outcome:
     spec, vehicle, law, basis = job.spec, job.vehicle, job.law, required(job.basis)
     if law == PREDICTOR:
-        design = design_predictor(spec, vehicle, basis, ends_after(job.minutes))
+        design = design_predictor(spec, vehicle, basis, job.until_s)
     elif basis.estimator.actuator_dead_time_s:
         error = f"{law}: no design; a plan cannot allow for the dead time of the steering"
         return Outcome((), (), unmet_text(law, basis, (), job.sources), error)

@@ -26,7 +26,7 @@ from ....runtime.node import NS_PER_MS
 from ..demands import Study, judge_law, make_study, preset_of
 from ..loop_figures import behind_lag
 from ..predictor_design import design_predictor, design_values, predictor_demands
-from ..search.evolution import Values, ends_after
+from ..search.evolution import Values
 from ..search.law_parameters import controller_settings
 from ..search.parameter_search import find
 from ..specification import (
@@ -90,7 +90,7 @@ def designed_points(panel: Panel, structure: str) -> Iterator[Point]:
             coarse, fine = (
                 study(panel, structure, delay_ms, is_fine, q_kind) for is_fine in (False, True)
             )
-            found = find(coarse, fine, law, ends_after(math.inf), known.get(q_kind))
+            found = find(coarse, fine, law, math.inf, known.get(q_kind))
             if found.feasible:
                 known[q_kind] = found.values
                 points.append(point_of(panel, fine, structure, found.values, found.judged))
@@ -172,7 +172,7 @@ def predictor_points(panel: Panel) -> Iterator[Point]:
     for delay_ms in reversed(panel.table.delays_ms):
         spec = specification_for(panel, PREDICTOR, delay_ms)
         near = (longer, shipped)[: panel.search.starts - 1]
-        design = design_predictor(spec, panel.vehicle, preset, ends_after(math.inf), near)
+        design = design_predictor(spec, panel.vehicle, preset, math.inf, near)
         longer = design.values
         if not any(demand.excess for demand in predictor_demands(spec, design)):
             yield Point(

@@ -9,8 +9,8 @@ preset, and nothing is rounded afterwards.
 """
 
 import math
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
+from time import monotonic
 
 import numpy as np
 from cmaes import CMA
@@ -19,8 +19,6 @@ from ....runtime.array_types import FloatArray
 
 Values = dict[str, float]
 """Parameters by their keys."""
-Check = Callable[[], None]
-"""Called after each generation; raises SearchStoppedError where the search is to end."""
 SPREAD = 0.25
 """Standard deviation of the first generation, as a share of the range."""
 _SPREAD_MIN = 1e-3
@@ -28,36 +26,29 @@ _SPREAD_MIN = 1e-3
 _POINTS_PER_PARAMETER = 4
 
 
-class SearchStoppedError(Exception):
+class _TimeIsUpError(Exception):
     """The time of a search is up."""
-
-
-def ends_after(minutes: float) -> Check:
-    """Return the check that ends a search some minutes from now; infinite for its own end."""
-    end_s = time.monotonic() + 60.0 * minutes
-
-    def check() -> None:
-        if time.monotonic() > end_s:
-            raise SearchStoppedError
-
-    return check
 
 
 class Search:
     """All points that were judged, with their costs.
 
-    ``cost``    of the parameters
-    ``ranges``  of each parameter, lowest and highest > 0
-    ``digits``  with which the parameters are judged
+    ``cost``     of the parameters
+    ``ranges``   of each parameter, lowest and highest > 0
+    ``until_s``  of the monotonic clock: after it only the first point is judged
+    ``digits``   with which the parameters are judged
+
+    ``ended``    whether all evolutions so far came to their end; False where the time was up
     """
 
     def __init__(
         self,
         cost: Callable[[Values], float],
         ranges: Mapping[str, tuple[float, float]],
+        until_s: float = math.inf,
         digits: int = 3,
     ) -> None:
-        self._cost = cost
+        self._cost, self._until_s, self.ended = cost, until_s, True
         self._keys = tuple(ranges)
         self.search_between(ranges)
         self._digits = digits
@@ -82,25 +73,33 @@ class Search:
         points = sorted(self._costs, key=lambda point: (self._costs[point], point))
         return [dict(zip(self._keys, point, strict=True)) for point in points[:count]]
 
-    def judge(self, values: Values) -> float:
-        """Return the cost of a point, which is judged once."""
+    def _judge(self, values: Values) -> float:
+        """Return the cost of a point, which is judged once; raises _TimeIsUpError."""
         point = tuple(values[key] for key in self._keys)
         if point not in self._costs:
+            if self._costs and monotonic() > self._until_s:
+                raise _TimeIsUpError
             self._costs[point] = self._cost(values)
         return self._costs[point]
 
     def evolve(
         self, seed: int, generations: int, near: Values | None = None, spread: float = SPREAD
-    ) -> Iterator[float]:
-        """Yield after each generation the share that is done, until the points hardly differ.
+    ) -> None:
+        """Judge generations of points until these hardly differ, or the time is up.
 
         ``near``    where it begins; None: in the middle of the ranges
         ``spread``  of the first generation, as a share of the ranges
         """
+        try:
+            self._evolve(seed, generations, near, spread)
+        except _TimeIsUpError:
+            self.ended = False
+
+    def _evolve(self, seed: int, generations: int, near: Values | None, spread: float) -> None:
         count = len(self._keys)
         middle = np.full(count, 0.5)
         if near is not None:
-            self.judge(near)
+            self._judge(near)
             logarithms = np.log([near[key] for key in self._keys])
             middle = np.clip((logarithms - self._low) / (self._high - self._low), 0.0, 1.0)
         strategy = CMA(
@@ -110,10 +109,9 @@ class Search:
             seed=seed,
             population_size=_POINTS_PER_PARAMETER * count,
         )
-        for generation in range(1, generations + 1):
+        for _ in range(generations):
             points = [strategy.ask() for _ in range(strategy.population_size)]
-            strategy.tell([(point, self.judge(self._values(point))) for point in points])
-            yield generation / generations
+            strategy.tell([(point, self._judge(self._values(point))) for point in points])
             if float(np.ptp(points, axis=0).max()) < _SPREAD_MIN:
                 return
 

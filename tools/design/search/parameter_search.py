@@ -14,7 +14,7 @@ from ....controller.analysis.stable_delays import least_margin_ns
 from ....runtime.node import NS_PER_MS
 from ..demands import Judgement, Study, judge_law
 from ..loop_figures import behind_lag
-from .evolution import SPREAD, Check, Search, SearchStoppedError, Values
+from .evolution import SPREAD, Search, Values
 from .law_parameters import bounds, controller_settings, designs
 
 DELAY_NS_MAX = 2_000 * NS_PER_MS
@@ -93,29 +93,26 @@ def cost(judgement: Judgement) -> float:
     return judgement.objective * (1.0 + _VIOLATION_WEIGHT * judgement.violation)
 
 
-def find(coarse: Study, fine: Study, law: str, check: Check, near: Values | None = None) -> Found:
+def find(coarse: Study, fine: Study, law: str, until_s: float, near: Values | None = None) -> Found:
     """Search the parameters of a law; deterministic for the seed of the specification.
 
-    ``near``  a known design, near which the first start begins
+    ``until_s``  of the monotonic clock: then the best so far is taken
+    ``near``     a known design, near which the first start begins
     """
     table = coarse.spec.search
     ranges = bounds(law, coarse.vehicle.vehicle.vehicle, coarse.spec.rate_hz)
-    search, ended = Search(lambda values: cost(judge_law(coarse, law, values)), ranges), True
-    try:
-        for start in range(table.starts):
-            if 0 < start == table.starts - 1 and "cdob" in ranges:
-                search.search_between({**ranges, "cdob": (_FAST_CDOB_RAD_S, ranges["cdob"][1])})
-            begins = (near, _SPREAD_NEAR) if near is not None and start == 0 else (None, SPREAD)
-            for _ in search.evolve(table.seed + start, table.generations, *begins):
-                check()
-        if search.least < _INFEASIBLE and not _first_confirmed(fine, law, search).feasible:
-            (near,) = search.best(1)
-            search = Search(lambda values: cost(judge_law(fine, law, values)), ranges)
-            for _ in search.evolve(table.seed, _FINE_GENERATIONS, near, _SPREAD_NEAR):
-                check()
-    except SearchStoppedError:
-        ended = False
-    return _first_confirmed(fine, law, search)._replace(ended=ended)
+    search = Search(lambda values: cost(judge_law(coarse, law, values)), ranges, until_s)
+    for start in range(table.starts):
+        if 0 < start == table.starts - 1 and "cdob" in ranges:
+            search.search_between({**ranges, "cdob": (_FAST_CDOB_RAD_S, ranges["cdob"][1])})
+        begins = (near, _SPREAD_NEAR) if near is not None and start == 0 else (None, SPREAD)
+        search.evolve(table.seed + start, table.generations, *begins)
+    found = _first_confirmed(fine, law, search)
+    if search.ended and search.least < _INFEASIBLE and not found.feasible:
+        search = Search(lambda values: cost(judge_law(fine, law, values)), ranges, until_s)
+        search.evolve(table.seed, _FINE_GENERATIONS, found.values, _SPREAD_NEAR)
+        found = _first_confirmed(fine, law, search)
+    return found
 
 
 def _first_confirmed(fine: Study, law: str, search: Search) -> Found:
@@ -123,6 +120,7 @@ def _first_confirmed(fine: Study, law: str, search: Search) -> Found:
     for values in search.best(_CONFIRMED_MAX):
         judgement = judge_law(fine, law, values)
         if not judgement.violation:
-            return Found(law, values, judgement, confirm(fine, law, values), search.judged)
+            confirmed = confirm(fine, law, values)
+            return Found(law, values, judgement, confirmed, search.judged, search.ended)
     (values,) = search.best(1)
-    return Found(law, values, judge_law(fine, law, values), None, search.judged)
+    return Found(law, values, judge_law(fine, law, values), None, search.judged, search.ended)
