@@ -184,7 +184,7 @@ class LogAnalysis:
         self._modes_ns = Counter[messages.Mode | None]()
         self._mode: messages.Mode | None = None  # not known yet
         self._mode_ns = 0
-        self._laws: dict[str, None] = {}
+        self._laws, self._second_senders = dict[str, None](), dict[str, None]()
         self._counts: dict[str, int] = {}
         self._advanced = dict.fromkeys(COUNTED, 0)
 
@@ -222,6 +222,7 @@ class LogAnalysis:
 
         ``not_judged``  why there is no verdict; empty if there is one
         ``names``       of the car's signals, by the quantity that each carries
+        ``second_sender_in``  messages in which a node reports one
         """
         self.latencies.close_block()
         axis = self._axis
@@ -251,6 +252,7 @@ class LogAnalysis:
             "latency": self.latencies.report(),
             "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in messages.Mode},
             "laws": list(self._laws),
+            "second_sender_in": list(self._second_senders),
             **self._advanced,
         }
 
@@ -307,6 +309,8 @@ class LogAnalysis:
                 # After the maximum of its signal a count comes back to 0.
                 self._advanced[name] += (count - self._counts.get(name, count)) % (most + 1)
                 self._counts[name] = count
+        if getattr(message, "second_sender", messages.SecondSender.NONE):
+            self._second_senders[NAMES[type(message)]] = None
         if isinstance(message, messages.ControllerStatus):
             self._laws[messages.LawNumber(message.law).name] = None
         if since_ns is not None and isinstance(

@@ -46,7 +46,7 @@ Address = Path | TcpAddress
 def parse_address(text: str) -> Address:
     """Read ``PATH`` or ``HOST:PORT``; raises AddressError for a host that is not the loopback."""
     host, colon, port = text.rpartition(":")
-    if not colon or "/" in text or len(port) > _PORT_DIGITS_MAX:
+    if text and (not colon or "/" in text or len(port) > _PORT_DIGITS_MAX):
         if not hasattr(socket, "AF_UNIX"):
             raise AddressError(f"no Unix sockets here, give 127.0.0.1:PORT instead of {text!r}")
         return Path(text)

@@ -185,7 +185,7 @@ def join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer]
     Raises can.CanInitializationError.
     """
     try:
-        address = parse_address(address_text) if address_text else default_address()
+        address = default_address() if address_text is None else parse_address(address_text)
         raw = hello.pack()
     except (AddressError, ProtocolError) as error:
         raise can.CanInitializationError(str(error)) from error

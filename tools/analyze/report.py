@@ -50,6 +50,8 @@ def verdict_of(figures: Mapping[str, Any]) -> str:
     verdict = f"none: {obstacle}" if obstacle else verdict_text(held_path)
     if not obstacle and held_path["rms_m"] is None:
         verdict += "; of the preview point, since the log does not tell where the car is"
+    if reported_in := figures["second_sender_in"]:
+        verdict += f"; a second sender on the bus, by {' and '.join(reported_in)}"
     cut_off = f"; the log is cut off: {figures['cut_off']}" if figures["cut_off"] else ""
     return verdict + cut_off
 

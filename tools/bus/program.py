@@ -48,7 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> ExitStatus:
     settings = bus_settings(options)
     traffic = _traffic(settings, options.seed)
-    address = parse_address(options.address) if options.address else default_address()
+    given = options.address
+    address = default_address() if given is None else parse_address(given)
     with listening(address) as listener:
         _serve(listener, address, options, settings.bitrate_bit_s, traffic)
     return ExitStatus.OK

@@ -282,7 +282,7 @@ def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
     name = preset_name(options, CONTROLLER_SIDE) or default
     preset = read_preset(CONTROLLER_PRESETS, name) if name else None
     overrides = of_side(options.overrides, CONTROLLER_SIDE)
-    overrides += [f"law={options.law}"] if options.law else []
+    overrides += [] if options.law is None else [f"law={options.law}"]
     vehicle = nominal_vehicle(options.vehicle)
     return load_settings(ControllerSettings, preset, options.controller, overrides, vehicle)
 

@@ -15,7 +15,8 @@ from steer_by_wire.closed_loop.recordings import log_file
 from steer_by_wire.closed_loop.recordings.log_analysis import analyse_files
 from steer_by_wire.closed_loop.recordings.log_file import LogFile, open_log
 from steer_by_wire.closed_loop.recordings.logged import LogError, Logged
-from steer_by_wire.dbc.messages import Sender, SteeringStatus, SteeringStatusCode
+from steer_by_wire.dbc.contract.enumerations import SecondSender
+from steer_by_wire.dbc.messages import PlantStatus, Sender, SteeringStatus, SteeringStatusCode
 from steer_by_wire.runtime.frame import ERROR, Frame
 from tests.support.frames.made_messages import message_with
 from tests.support.runs.logged_run import analyse
@@ -258,14 +259,15 @@ def test_a_csv_of_another_program_names_the_columns(tmp_path: Path) -> None:
         read(tmp_path / "log.csv", "when,what\n1,2\n")
 
 
-def test_of_a_log_of_the_plant_alone_no_absence_of_commands_is_said(tmp_path: Path) -> None:
+def test_a_log_of_the_plant_alone_lacks_no_command_and_tells_its_alarm(tmp_path: Path) -> None:
     path = tmp_path / "plant.log"
     status = Sender(SteeringStatus)
-    for code, is_told in (
-        (SteeringStatusCode.APPLYING, True),
-        (SteeringStatusCode.NO_COMMAND, False),
-    ):
+    alarm = Sender(PlantStatus).frame(message_with(PlantStatus, second_sender=SecondSender.PEER))
+    for code in (SteeringStatusCode.APPLYING, SteeringStatusCode.NO_COMMAND):
         frames = [status.frame(message_with(SteeringStatus, status=code)) for _ in range(9)]
-        path.write_text("".join(f"(0.1) can0 120#{frame.data.hex()}\n" for frame in frames))
-        is_told = "the plant applied some" in analyse_files([path]).figures["not_judged"]
-        assert is_told == (code is SteeringStatusCode.APPLYING)
+        frames.append(alarm)
+        path.write_text("".join(f"(0.1) can0 {it.can_id:X}#{it.data.hex()}\n" for it in frames))
+        figures = analyse_files([path]).figures
+        is_applied = code is SteeringStatusCode.APPLYING
+        assert ("the plant applied some" in figures["not_judged"]) == is_applied
+        assert figures["second_sender_in"] == ["PLANT_STATUS"]

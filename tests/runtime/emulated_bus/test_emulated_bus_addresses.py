@@ -72,7 +72,7 @@ def test_tcp_works_on_the_loopback(stack: ExitStack) -> None:
     assert [receive(other).data[0] for _ in range(100)] == list(range(100))
 
 
-@pytest.mark.parametrize("text", ["0.0.0.0:1", "192.168.1.1:29580", "127.0.0.1:x", "127.1:1"])
+@pytest.mark.parametrize("text", ["0.0.0.0:1", "192.168.1.1:29580", "", "127.0.0.1:x", "127.1:1"])
 def test_no_address_but_the_loopback_is_listened_at(text: str) -> None:
     with pytest.raises(AddressError, match=r"127\.0\.0\.1"):
         parse_address(text)
