@@ -91,13 +91,10 @@ def summary(rows: list[Row]) -> list[str]:
         ones = [figures[name] for figures in wanted if name in figures]
         widths = [(one["high"] - one["low"]) / one["fisher"] for one in ones]
         lines.append(f"width over Fisher, prescribed: {np.median(widths):.2f} {name}")
-    is_good = [
-        all(figures[name]["verdict"] == Verdict.IDENTIFIED for name in EXPECTED)
-        for figures in wanted
-    ]
+    good = sum(all(of[one]["verdict"] == Verdict.IDENTIFIED for one in EXPECTED) for of in wanted)
     late = [figures[OFFSET] for figures in wanted if OFFSET in figures]
     near = sum(abs(one["value"] - one["truth"]) <= 0.002 for one in late)
-    lines.append(f"prescribed logs identified: {sum(is_good)} of {len(wanted)}")
+    lines.append(f"prescribed logs identified: {good} of {len(wanted)}")
     return [*lines, f"their offset within 2 ms: {near} of {len(late)} that are told"]
 
 

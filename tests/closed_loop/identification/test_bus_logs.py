@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.identification.bus_series import BusLog, read_bus
+from steer_by_wire.closed_loop.identification.identified import predict
 from steer_by_wire.closed_loop.identification.network_file import network_files
+from steer_by_wire.closed_loop.identification.parameters import Known, values_of
 from steer_by_wire.closed_loop.identification.steering import identify_steering, steering_of
 from steer_by_wire.closed_loop.identification.time_series import (
     PAUSE_S,
@@ -139,10 +141,22 @@ def test_a_trace_has_every_latency_of_half_an_hour() -> None:
 def test_the_steering_of_a_run_lies_within_a_period(bus) -> None:
     found = steering_of(bus.channels)
     figures = {one.name.removeprefix("actuator:"): one for one in found.figures}
-    total = figures["delay_and_lag_s"]
-    assert total.low - 0.002 <= LAG_S + DEAD_S <= total.high + 0.002
-    for name, truth_s in (("lag_s", LAG_S), ("dead_time_s", DEAD_S)):
+    truths_s = {"lag_s": LAG_S, "dead_time_s": DEAD_S, "delay_and_lag_s": LAG_S + DEAD_S}
+    for name, truth_s in truths_s.items():
         assert figures[name].low <= truth_s <= figures[name].high
+
+
+def test_the_car_of_a_run_predicts_it_to_the_step_of_its_yaw_rate(tmp_path) -> None:
+    presets = ["--preset", "vw_vanagon", "--preset", "highway_pd", "--ideal-wire"]
+    fast = ["--set", "plant.vehicle.speed_m_s=21.5", "--duration", "15"]
+    run([*presets, *fast, "--out", str(tmp_path)])
+    plant = load_settings(PlantSettings, file=tmp_path / "plant_emulator.toml")
+    drive = make_drive(read_bus([tmp_path / "candump.log"], BusLanguage()).channels, "run")
+    steering = {"steering_ratio": 1.0, "delay_and_lag_s": 0.0, "lag_squared_s2": 0.0}
+    known = Known(mass_kg=plant.vehicle.virtual_mass_kg, cg_height_m=plant.car.cg_height_m)
+    percent, _ = predict(drive, values_of(plant.vehicle, plant.car) | steering, known)
+    rate = drive.outputs[0]
+    assert percent < 110.0 * rate.quantum / np.sqrt(12.0) / np.std(rate.values)
 
 
 def test_samples_of_a_plant_are_evenly_spaced(bus) -> None:
