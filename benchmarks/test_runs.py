@@ -1,21 +1,27 @@
 """Time of whole runs: in virtual time, compiled, on two threads and processes, from a cold start.
 
 The targets: 20 s of motion in virtual time in 0.1 s; 1,700 compiled runs of a minute in a second
-on one thread; two threads 1.8 times as fast as one; a first compiled result within 5 s.
+on one thread; two threads 1.8 times as fast as one; a first compiled result within 5 s; 800 minutes
+of a car alone in a second on one thread, several at once.
 """
 
 import os
+import statistics
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.compiled.schedule import schedule_run
+from steer_by_wire.closed_loop.identification.parameters import Known, values_of
+from steer_by_wire.closed_loop.identification.response import LANES, STEP_S, Grid, respond
 from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
@@ -73,6 +79,31 @@ def test_compiled_run(network: str, benchmark: Any) -> None:
 @pytest.mark.parametrize("network", NETWORKS)
 def test_schedule(network: str, benchmark: Any) -> None:
     benchmark(schedule_run, *pair_settings(NETWORKS[network]))
+
+
+def test_cars_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """By processor time and in turns, because the load of a computer changes."""
+    plant, time_s = plant_preset("large_sedan"), np.arange(0.0, 60.0, STEP_S)
+    steering = {"lag_squared_s2": 0.0, "delay_and_lag_s": 0.0, "steering_offset_rad": 0.0}
+    assert plant.car is not None
+    values = values_of(plant.vehicle, plant.car) | {"steering_ratio": 1.0, **steering}
+    steering_rad, still = 0.03 * np.sin(3.0 * time_s), np.zeros_like(time_s)
+    speed_m_s, ends = still + 20.0, np.array([0, len(time_s)])
+    grid = Grid((), STEP_S, ends, still[:1], time_s, steering_rad, speed_m_s, still, still[:0])
+    rates: dict[int, list[float]] = {LANES: [], 1: []}
+    for _ in range(16):
+        for cars, found in rates.items():
+            begin_s = time.thread_time()
+            respond(grid, [values] * cars, Known())
+            found.append(cars / (time.thread_time() - begin_s))
+    at_once, alone = (found[1:] for found in rates.values())
+    times = statistics.median(np.divide(at_once, alone))
+    with capsys.disabled():
+        sys.stdout.write(
+            "minutes of a car alone in a second on one thread, median (best):"
+            f" {LANES} at once {statistics.median(at_once):.0f} ({max(at_once):.0f}), one by one"
+            f" {statistics.median(alone):.0f} ({max(alone):.0f}), {times:.2f} times\n"
+        )
 
 
 def some_runs(count: int) -> None:
