@@ -38,12 +38,9 @@ class Design(NamedTuple):
     ``rms_m``             of the car on the worst path, shape (corners, delays), at all of
     ``rms_delays_ns``     which every corner is stable
     ``rms_held_up_to_ns``  up to which delay the RMS keeps its limit; None where it has none
-    ``settings``          without the set point that puts the car on the path; ``preset`` has it
     ``jitter_rms_m``      worst corner and path of each jitter of the specification, virtual time
     """
 
-    law: str
-    settings: ControllerSettings
     preset: ControllerSettings
     found: Found
     rms_m: FloatArray
@@ -80,8 +77,6 @@ def describe(study: Study, found: Found) -> Design:
     jitter_m = np.array([drive(spec, plant, preset).rms_m for plant in asked])
     worst_m = jitter_m.reshape(-1, max(1, len(spec.jitter))).max(axis=0, initial=0.0)
     return Design(
-        law,
-        settings,
         preset,
         found,
         by_delay_m,

@@ -40,14 +40,12 @@ def plant_responses(
 
     The first output is the lateral error, the second the heading error.
     """
-    plants = [[held_plant(model, period_ns, each, 2) for each in delays_ns] for model in models]
-    shape = 2, len(models), len(delays_ns), len(z)
-    responses = np.empty(shape, dtype=np.complex128)
-    for corner, of_delays in enumerate(plants):
-        rows = output_rows(of_delays[0], z)
-        for index, plant in enumerate(of_delays):
-            responses[:, corner, index] = plant_response(plant, rows, z)
-    return responses
+    responses = []
+    for model in models:
+        plants = [held_plant(model, period_ns, each, 2) for each in delays_ns]
+        rows = output_rows(plants[0], z)
+        responses.append(np.stack([plant_response(plant, rows, z) for plant in plants], axis=1))
+    return np.stack(responses, axis=1)
 
 
 def behind_lag(model: TransferFunction, lag_s: float) -> TransferFunction:

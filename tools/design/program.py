@@ -23,7 +23,7 @@ from ...runtime.settings.toml_text import dump_toml
 from .demands import Demand
 from .frontier.frontier import run_frontier
 from .frontier.settings import FrontierSettings
-from .law_design import Design, design, nearest
+from .law_design import design, nearest
 from .predictor_design import design_predictor, plan_ahead, predictor_demands
 from .report import (
     STOPPED,
@@ -76,8 +76,7 @@ class Outcome(NamedTuple):
     ``lines``   to print
     ``text``    of its file
     ``error``   why it is no design; empty if it is one
-    ``design``  of a linear law that meets all demands
-    ``preset``  of a predictor that meets them
+    ``preset``  of a law that meets all demands
     ``ended``   whether the search came to its end
     """
 
@@ -85,7 +84,6 @@ class Outcome(NamedTuple):
     demands: tuple[Demand, ...]
     text: str
     error: str = ""
-    design: Design | None = None
     preset: ControllerSettings | None = None
     ended: bool = True
 
@@ -101,10 +99,6 @@ def run_job(job: Job) -> Outcome:
         return found._replace(lines=(*found.lines, *more))
     write_text(preset, found.text)
     unmet.unlink(missing_ok=True)
-    if found.design is not None:
-        with plot_style():
-            picture = job.picture_folder / f"{name}.png"
-            draw_design(job.spec, job.vehicle, found.design).savefig(picture)
     stopped = [] if found.ended else [f"  {STOPPED}"]
     return found._replace(lines=(*found.lines, *stopped, f"  -> {preset}"))
 
@@ -125,8 +119,11 @@ def _linear_law(job: Job) -> Outcome:
     ]
     demands = found.judgement.demands
     lines += [*outcome_lines(demands), *_table(measured(spec, designed))]
+    with plot_style():
+        picture = job.picture_folder / f"{spec.name}_{law}.png"
+        draw_design(spec, vehicle, designed).savefig(picture)
     text = preset_text(spec, vehicle, designed, job.sources)
-    return Outcome(tuple(lines), demands, text, design=designed, ended=found.ended)
+    return Outcome(tuple(lines), demands, text, preset=designed.preset, ended=found.ended)
 
 
 def _predictor(job: Job) -> Outcome:
@@ -189,33 +186,30 @@ def run_design(options: argparse.Namespace) -> int:
     }
     status, figures = int(ExitStatus.OK), dict[str, Any]()
     named = spec.predictor and spec.predictor.fallback
-    fallback = controller_preset(named) if named else None
+    basis, basis_ended = controller_preset(named) if named else None, True
+    needed = "pd_ddob for it to fall back to"
     bars = counting_bars(plain_console(is_error=True))
     with worker_pool(WORKERS) as pool, bars:
         searched = bars.add_task("", total=len(laws))
         futures = {law: pool.submit(run_job, jobs[law]) for law in linear_laws(spec)}
-        for law, future in futures.items():
-            outcome = future.result()
-            bars.advance(searched)
-            figures[law] = _print(outcome)
-            design = outcome.design
-            if design is None:
-                status = NO_DESIGN
-                continue
-            if law == FALLBACK and spec.predictor is not None:
-                fallback = fallback or design.preset
-        basis, basis_ended, needed = fallback, True, "pd_ddob for it to fall back to"
-        for law in laws[len(linear_laws(spec)) :]:
-            if basis is None:
+        for law in laws:
+            if law in futures:
+                outcome = futures[law].result()
+                bars.advance(searched)
+            elif basis is None:
                 say(NAME, f"error: {law}: there is no {needed}", sys.stderr)
                 status = NO_DESIGN
                 continue
-            job = jobs[law]._replace(basis=basis, basis_ended=basis_ended)
-            outcome = pool.submit(run_job, job).result()
+            else:
+                job = jobs[law]._replace(basis=basis, basis_ended=basis_ended)
+                outcome = pool.submit(run_job, job).result()
             figures[law] = _print(outcome)
             status = NO_DESIGN if outcome.error else status
-            basis, basis_ended = outcome.preset, outcome.ended
-            needed = "predictor whose commands it plans"
+            if law == FALLBACK:
+                basis = basis or outcome.preset
+            elif law == PREDICTOR:
+                basis, basis_ended = outcome.preset, outcome.ended
+                needed = "predictor whose commands it plans"
     if options.json is not None:
         write_json(options.json, {"specification": spec.model_dump(mode="json"), "laws": figures})
     print(f"\nplant for these: {rig}")

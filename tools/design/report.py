@@ -64,7 +64,7 @@ def preset_text(
         figures, settings = predictor_figures(spec, design), design.settings
     else:
         delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
-        law, judged = design.law, f"{len(vehicle.corners)} corners"
+        law, judged = design.found.law, f"{len(vehicle.corners)} corners"
         ended, figures, settings = design.found.ended, _figures(spec, design), design.preset
     over = [f"{field} {low:.6g} to {high:.6g}" for field, (low, high) in ranges.items()]
     if isinstance(design, PredictorDesign) and spec.road is not None:
@@ -196,7 +196,7 @@ def measured(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
     yield "RMS error", f"{rms}, from {spec.ignore_s:g} s on"
     if design.rms_held_up_to_ns is not None:
         held_ms = design.rms_held_up_to_ns // NS_PER_MS
-        yield "", f"at most {spec.rms_m_max_of(design.law):g} m up to {held_ms} ms"
+        yield "", f"at most {spec.rms_m_max_of(design.found.law):g} m up to {held_ms} ms"
     yield from _jitters(spec, design.jitter_rms_m, "gamma, newest wins; virtual time")
     confirmation = design.found.confirmation
     if confirmation is not None:
@@ -235,7 +235,7 @@ def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Fi
     delay_ms = np.array(design.rms_delays_ns) / NS_PER_MS
     for line, label, rms_m in zip(LINES(), _labels(vehicle), design.rms_m, strict=False):
         axes.plot(delay_ms, 1e3 * rms_m, **line, label=label)
-    largest_m = spec.rms_m_max_of(design.law)
+    largest_m = spec.rms_m_max_of(design.found.law)
     inside = delay_ms <= spec.delay.ms_max
     highest_mm = 1e3 * max(float(design.rms_m[:, inside].max()), largest_m or 0.0)
     if largest_m is not None:
@@ -244,7 +244,7 @@ def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Fi
     axes.set(xlabel="constant delay [ms]", ylabel="RMS of the car [mm]")
     axes.set(ylim=(0.0, 1.5 * highest_mm), xlim=(0.0, delay_ms[-1]))
     values = ", ".join(f"{key} {value:g}" for key, value in design.found.values.items())
-    axes.set_title(f"{spec.name}_{design.law}: {values}", fontsize=10)
+    axes.set_title(f"{spec.name}_{design.found.law}: {values}", fontsize=10)
     axes.legend(fontsize=8)
     return figure
 
