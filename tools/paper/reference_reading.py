@@ -16,7 +16,6 @@ period: measure, decide, limit, hold. The reference enters the PD alone; the obs
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -31,11 +30,10 @@ from ...controller.law_interface import LawInput
 from ...controller.laws.law_from_settings import design_law
 from ...controller.limits.steer_limits import limit_step
 from ...controller.settings import ControllerSettings, controller_preset
-from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .delay_runs import Law
 from .result import CLAIM, Comparison, Picture
-from .simulation import PAPER_DELAY_S
+from .simulation import PAPER_DELAY_S, History, Quantity
 
 AMPLITUDE_M = 1.0
 WAVELENGTH_M = 40.0
@@ -43,16 +41,10 @@ SPEED_M_S = 5.0 / 3.6
 DURATION_S = 60.0
 
 
-class Followed(NamedTuple):
-    """Time histories of one law on the reference, one row a control period; error is r - y."""
-
-    time_s: FloatArray
-    error_m: FloatArray
-    steer_rad: FloatArray
-
-
-def follow(controller: ControllerSettings, delay_s: float) -> Followed:
+def follow(controller: ControllerSettings, delay_s: float) -> History:
     """Return how a law of the paper follows the sine with a delay of the commands.
+
+    A row a control period; the error is r - y.
 
     ``delay_s``  rounded to whole control periods
     """
@@ -74,7 +66,7 @@ def follow(controller: ControllerSettings, delay_s: float) -> Followed:
         on_their_way.append(steer_rad)
         x = a @ x + b * on_their_way.popleft()
     error_m, sent_rad = np.array(rows, dtype=np.float64).T
-    return Followed(np.asarray(time_s, dtype=np.float64), error_m, sent_rad)
+    return History(np.asarray(time_s, dtype=np.float64), error_m, sent_rad)
 
 
 READING = "path as the reference"
@@ -93,17 +85,6 @@ _STEP = 50
 """Rows of a picture: one in so many control periods."""
 
 
-class Quantity(NamedTuple):
-    """A column of ``Followed``, and what it is called."""
-
-    name: str
-    label: str
-    unit: str
-    column: str
-
-
-ERROR = Quantity("error", "r - y", "m", "error_m")
-STEER = Quantity("steer", "steering angle", "rad", "steer_rad")
 JudgeReading = Callable[[str, Quantity, Sequence[Law]], list[Comparison]]
 
 
@@ -124,7 +105,8 @@ def picture(name: str, quantity: Quantity, laws: Sequence[Law]) -> Picture:
         figure.subplots(1, len(FILTERS_RAD_S), sharey=True), FILTERS_RAD_S, strict=True
     ):
         for style, law in zip(law_styles(law.name for law in laws), laws, strict=True):
-            time_s, values = _run(law, filter_rad_s).time_s, _values(law, filter_rad_s, quantity)
+            run = _run(law, filter_rad_s)
+            time_s, values = run.time_s, quantity.of(run)
             text = f"{law.label}, RMS {rms(values):.3g}"
             axes.plot(time_s[::_STEP], values[::_STEP], lw=0.9, label=text, **style)
         axes.set(xlabel="time [s]")
@@ -140,19 +122,14 @@ def _compared(
     compared = []
     for filter_rad_s in FILTERS_RAD_S:
         what = f"RMS {quantity.name}, {READING}, N = {filter_rad_s:g} rad/s"
-        values = {law.label: rms(_values(law, filter_rad_s, quantity)) for law in laws}
+        values = {law.label: rms(quantity.of(_run(law, filter_rad_s))) for law in laws}
         texts = (f"{label}: {value:.4f} {quantity.unit}" for label, value in values.items())
         is_held = holds(*values.values())
         compared.append(Comparison(what, statement, "; ".join(texts), is_held, CLAIM, READING))
     return compared
 
 
-def _values(law: Law, filter_rad_s: float, quantity: Quantity) -> FloatArray:
-    values: FloatArray = getattr(_run(law, filter_rad_s), quantity.column)
-    return values
-
-
 @cache
-def _run(law: Law, filter_rad_s: float) -> Followed:
+def _run(law: Law, filter_rad_s: float) -> History:
     override = f"pd.derivative_filter_rad_s={filter_rad_s}"
     return follow(controller_preset(law.preset, (override,)), PAPER_DELAY_S)

@@ -22,7 +22,24 @@ class History(NamedTuple):
     time_s: FloatArray
     lateral_error_m: FloatArray
     wheel_angle_rad: FloatArray
-    downlink_latency_s: FloatArray
+
+
+class Quantity(NamedTuple):
+    """A column of ``History``, and what it is called."""
+
+    name: str
+    label: str
+    unit: str
+    column: str
+
+    def of(self, run: History) -> FloatArray:
+        """Return the column."""
+        values: FloatArray = getattr(run, self.column)
+        return values
+
+
+ERROR = Quantity("error", "r - y", "m", "lateral_error_m")
+STEER = Quantity("steer", "steering angle", "rad", "wheel_angle_rad")
 
 
 def simulate(plant_settings: PlantSettings, controller_settings: ControllerSettings) -> History:

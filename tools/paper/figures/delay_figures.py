@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from ....closed_loop.pair.pair_result import rms
 from ....closed_loop.reports.plot_style import law_styles
-from ....runtime.array_types import FloatArray
 from .. import published
 from ..delay_runs import (
     CDOB_AND_DDOB,
@@ -26,9 +25,9 @@ from ..delay_runs import (
     error_text,
     steer_text,
 )
-from ..reference_reading import CAPTION, ERROR, STEER, WHY, JudgeReading, alike, picture, smaller
+from ..reference_reading import CAPTION, WHY, JudgeReading, alike, picture, smaller
 from ..result import CLAIM, Comparison, Picture, Reproduction, verdict_of
-from ..simulation import History, thinned
+from ..simulation import ERROR, STEER, History, Quantity, thinned
 
 LINEAR_M = 0.1
 """Up to here the scale of the error is linear; beyond, it is logarithmic."""
@@ -74,12 +73,12 @@ def _figure(
     ``judge``          returns whether the statement holds for a variant
     ``judge_reading``  the same with the path read as the reference; None: it is not read so
     """
-    key, steer, laws = f"figure_{number}", judge is not _errors, variants[0].laws
+    key, laws = f"figure_{number}", variants[0].laws
+    quantity = ERROR if judge is _errors else STEER
     compared = compare(variants)
     comparisons = [judge(item, statement) for item in compared]
-    pictures = [panels(key, compared, steer=steer)]
+    pictures = [panels(key, compared, quantity)]
     if judge_reading is not None:
-        quantity = STEER if steer else ERROR
         comparisons += judge_reading(statement, quantity, laws)
         pictures.append(picture(f"{key}_reference", quantity, laws))
         caption += f" {CAPTION}"
@@ -124,7 +123,7 @@ def _steers_alike(item: Compared, statement: str) -> Comparison:
     )
 
 
-def panels(name: str, shown: Sequence[Compared], *, steer: bool) -> Picture:
+def panels(name: str, shown: Sequence[Compared], quantity: Quantity) -> Picture:
     """Draw lateral errors, or steers, of several variants, on one scale."""
     figure = Figure(figsize=(12.0, 4.6))
     for axes, (variant, runs) in zip(
@@ -132,18 +131,18 @@ def panels(name: str, shown: Sequence[Compared], *, steer: bool) -> Picture:
     ):
         laws = (law.name for law in variant.laws)
         for style, (label, run) in zip(law_styles(laws), runs.items(), strict=True):
-            few = _shown(run, steer)
-            text = f"{label}, RMS {rms(_values(run, steer)):.3g} {'rad' if steer else 'm'}"
-            axes.plot(few.time_s, _values(few, steer), lw=0.9, label=text, **style)
+            few = _shown(run, quantity)
+            text = f"{label}, RMS {rms(quantity.of(run)):.3g} {quantity.unit}"
+            axes.plot(few.time_s, quantity.of(few), lw=0.9, label=text, **style)
         axes.set(xlabel="time [s]")
         axes.set_title(variant.title, fontsize=10.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=1)
-    _scale(figure.axes[0], steer)
+    _scale(figure.axes[0], quantity)
     return Picture(name, figure)
 
 
-def _scale(axes: Axes, steer: bool) -> None:
-    if steer:
+def _scale(axes: Axes, quantity: Quantity) -> None:
+    if quantity is STEER:
         axes.set_ylabel("steering angle of the front wheels [rad]")
         if axes.dataLim.ymax > 0.9 * STEER_RAD_MAX:
             for limit_rad in (-STEER_RAD_MAX, STEER_RAD_MAX):
@@ -154,15 +153,11 @@ def _scale(axes: Axes, steer: bool) -> None:
     axes.axhline(0.0, color="black", lw=0.6)
 
 
-def _shown(run: History, steer: bool) -> History:
-    if not steer:
+def _shown(run: History, quantity: Quantity) -> History:
+    if quantity is ERROR:
         return thinned(run, _ERROR_STEP_S)
     few = thinned(run, _STEER_STEP_S)
     return History(*(column[few.time_s <= STEER_SHOWN_S] for column in few))
-
-
-def _values(run: History, steer: bool) -> FloatArray:
-    return run.wheel_angle_rad if steer else run.lateral_error_m
 
 
 figure_21 = partial(
