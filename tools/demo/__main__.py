@@ -38,6 +38,7 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     DemoLaw,
     law_result,
     phases_of,
+    plant_of,
     story_table,
     summary_json,
     verdict_line,
@@ -80,7 +81,7 @@ def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> Non
 
 
 def run_virtual(
-    plants: Mapping[DemoLaw, PlantSettings],
+    plant: PlantSettings,
     controllers: Mapping[DemoLaw, ControllerSettings],
     bus: BusSettings,
     console: Console,
@@ -89,11 +90,12 @@ def run_virtual(
     start_s = time.monotonic()
     with worker_pool(VIRTUAL_WORKERS) as pool, console.status("the same in virtual time"):
         futures = {
-            law: pool.submit(run_virtual_pair, plants[law], controllers[law], bus) for law in plants
+            law: pool.submit(run_virtual_pair, plant, controller, bus)
+            for law, controller in controllers.items()
         }
         results = {law: future.result() for law, future in futures.items()}
     elapsed_s = time.monotonic() - start_s
-    motion_s = sum(settings.duration_s for settings in plants.values())
+    motion_s = plant.duration_s * len(controllers)
     console.print(f"the same in virtual time: {motion_s:.0f} s of motion in {elapsed_s:.0f} s")
     return results
 
@@ -126,25 +128,24 @@ def _demo(options: argparse.Namespace) -> int:
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
     bus = bus_settings(options)
-    plants = {law: law.plant(overrides) for law in LAWS}
+    plant = plant_of(overrides)
     controllers = {law: law.controller() for law in LAWS}
     files = {law: PairFiles(options.out / law.preset) for law in LAWS}
     texts = {
         f"{law.preset}/{name}": text
         for law in LAWS
-        for name, text in files[law].settings_texts(plants[law], controllers[law]).items()
+        for name, text in files[law].settings_texts(plant, controllers[law]).items()
     }
     refuse_another_run(options.out, texts)
     names = [law.preset for law in LAWS]
-    plant = plants[LAWS[0]]
     log = options.out / "bus.txt"
     with open_channels(options.bus, names, log, bus, plant.seed) as channels:
         for law in LAWS:
-            files[law].write_settings(plants[law], controllers[law])
+            files[law].write_settings(plant, controllers[law])
         console.print(f"bus: {channels.description}", soft_wrap=True)
         live = run_live(channels, files, plant.duration_s, console)
-    virtual = run_virtual(plants, controllers, bus, console)
-    results = [law_result(law, plants[law], live[law], virtual[law]) for law in LAWS]
+    virtual = run_virtual(plant, controllers, bus, console)
+    results = [law_result(law, plant, live[law], virtual[law]) for law in LAWS]
     phases, out = phases_of(plant), options.out
     picture, summary = out / "lateral_error.png", out / "summary.json"
     draw(results, phases, picture)

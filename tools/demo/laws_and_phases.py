@@ -31,12 +31,6 @@ class DemoLaw(NamedTuple):
         """Return the settings of its controller."""
         return controller_preset(self.preset, UNSUPERVISED)
 
-    def plant(self, overrides: Sequence[str]) -> PlantSettings:
-        """Return what it drives: the demo's file, below ``overrides``; raises SettingsError."""
-        file = read_preset("steer_by_wire.tools.demo", "demo_plant")
-        settings = load_settings(PlantSettings, file, overrides=overrides)
-        return _stretched(settings, load_settings(PlantSettings, file).duration_s)
-
 
 LAWS = (
     DemoLaw("PD", "practical_pd"),
@@ -47,6 +41,13 @@ LAWS = (
 )
 """All but the predictor are designed by the same demands, for any delay up to 250 ms. The predictor
 reads more signals, and is designed for 500 ms."""
+
+
+def plant_of(overrides: Sequence[str]) -> PlantSettings:
+    """Return what all laws drive: the demo's file, below ``overrides``; raises SettingsError."""
+    file = read_preset("steer_by_wire.tools.demo", "demo_plant")
+    settings = load_settings(PlantSettings, file, overrides=overrides)
+    return _stretched(settings, load_settings(PlantSettings, file).duration_s)
 
 
 class Phase(NamedTuple):

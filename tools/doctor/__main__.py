@@ -26,8 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    sections = checks.examine()
-    show_or_write(options.json, checks.as_json(sections), partial(print, checks.as_text(sections)))
+    found = checks.examine()
+    show_or_write(options.json, checks.as_json(found), partial(print, checks.as_text(found)))
     return ExitStatus.OK
 
 

@@ -21,31 +21,19 @@ from ...with_vcan.request import Request, missing_programs
 class Finding(NamedTuple):
     """A property that was looked for, and the figure that shows it.
 
-    ``holds``   None where nothing could show it
-    ``advice``  what to do where it is wanted and does not hold; empty for nothing
+    ``ok``      None where nothing could show it
+    ``advice``  what to do where it is wanted and is not there; empty for nothing
     """
 
-    what: str
-    holds: bool | None
-    figure: str
+    name: str
+    ok: bool | None
+    detail: str
     advice: str = ""
 
 
-HOLDS: Mapping[bool | None, str] = {True: "ok", False: "NO", None: "-"}
-"""What is printed for a finding."""
-
-
-def finding_lines(findings: Sequence[Finding]) -> list[str]:
-    """Return a line for each finding, with what to do below it."""
-    width = max(len(finding.what) for finding in findings)
-    lines = []
-    for what, holds, figure, advice in findings:
-        lines.append(f"{HOLDS[holds]:2} {what:{width}}  {figure}")
-        if advice:
-            lines.append(f"   {'':{width}}  do: {advice}")
-    return lines
-
-
+Findings = Mapping[str, Sequence[Finding]]
+"""By the title of their section."""
+_MARKS = {True: "ok", False: "NO", None: "-"}
 DETECTION_TIMEOUT_S = 20.0
 """Time limit for all adapters together: a driver that hangs must not hang us."""
 NO_ADAPTERS = ("virtual", "udp_multicast")
@@ -63,23 +51,14 @@ print(json.dumps(list(can.detect_available_configs()), default=str))
 """
 
 
-class Section(NamedTuple):
-    """Findings that belong together."""
-
-    title: str
-    findings: tuple[Finding, ...]
-
-
-def examine() -> tuple[Section, ...]:
+def examine() -> Findings:
     """Check everything; takes seconds, most of them for the adapters."""
-    return (
-        Section(
-            "CAN on this machine", (_kernel_can(), *_interfaces(), _programs(), find_adapters())
-        ),
-        Section("ways to a vcan0 (steer-by-wire with-vcan)", (*_ways_to_vcan(),)),
-        Section("the programs without -i", (_choice(),)),
-        Section("real time", (*_rights(),)),
-    )
+    return {
+        "CAN on this machine": [_kernel_can(), *_interfaces(), _programs(), find_adapters()],
+        "ways to a vcan0 (steer-by-wire with-vcan)": _ways_to_vcan(),
+        "the programs without -i": [_choice()],
+        "real time": _rights(),
+    }
 
 
 def _kernel_can() -> Finding:
@@ -163,7 +142,7 @@ def _ways_to_vcan() -> list[Finding]:
         ways.append(Finding(backend.name, not obstacle, obstacle or "possible"))
     if not ways:
         return [Finding("vcan0", False, "only on Linux", "use the emulated bus")]
-    if not any(way.holds for way in ways):
+    if not any(way.ok for way in ways):
         advice = "sudo apt-get install user-mode-linux kmod can-utils iproute2"
         ways[-1] = ways[-1]._replace(advice=advice)
     return ways
@@ -192,18 +171,19 @@ def _rights() -> list[Finding]:
     return [Finding(*one, "" if one.got else advice.get(one.name, "")) for one in granted]
 
 
-def as_json(sections: Sequence[Section]) -> dict[str, list[dict[str, Any]]]:
-    """Return the findings by the titles of the sections, for other programs."""
-    keys = ("name", "ok", "detail", "advice")
-    return {
-        section.title: [dict(zip(keys, finding, strict=True)) for finding in section.findings]
-        for section in sections
-    }
+def as_json(found: Findings) -> dict[str, list[dict[str, Any]]]:
+    """Return the findings for other programs."""
+    return {title: [finding._asdict() for finding in its] for title, its in found.items()}
 
 
-def as_text(sections: Sequence[Section]) -> str:
-    """Return the findings of each section below its title."""
+def as_text(found: Findings) -> str:
+    """Return a line for each finding below the title of its section, and what to do below it."""
     lines = []
-    for section in sections:
-        lines += ["", section.title, *(f"  {line}" for line in finding_lines(section.findings))]
+    for title, findings in found.items():
+        lines += ["", title]
+        width = max(len(finding.name) for finding in findings)
+        for name, ok, detail, advice in findings:
+            lines.append(f"  {_MARKS[ok]:2} {name:{width}}  {detail}")
+            if advice:
+                lines.append(f"     {'':{width}}  do: {advice}")
     return "\n".join(lines[1:])

@@ -19,6 +19,7 @@ from steer_by_wire.tools.demo.laws_and_phases import (
     PhaseFigures,
     law_result,
     phases_of,
+    plant_of,
     story_table,
     verdict_line,
 )
@@ -98,7 +99,7 @@ def test_all_laws_hold_what_they_are_designed_for_and_only_the_predictor_more() 
     """What the demo is for, in virtual time; the last phase is beyond 250 ms."""
     fates, errors_mm = {}, {}
     for law in sampled(LAWS[-2:], LAWS):
-        settings = law.plant([])
+        settings = plant_of([])
         virtual = run_virtual_pair(settings, law.controller())
         phases = law_result(law, settings, virtual, virtual).virtual_phases
         fates[law.label] = [phase.holds for phase in phases]
@@ -118,7 +119,7 @@ def test_where_the_path_is_not_held_the_table_says_lost_and_no_millimetres() -> 
 
 
 def test_phases_fill_a_run_of_any_length() -> None:
-    short, default = LAWS[0].plant(["duration_s=8"]), LAWS[0].plant([])
+    short, default = plant_of(["duration_s=8"]), plant_of([])
     factor = default.duration_s / 8.0
     for one, other in zip(phases_of(short), phases_of(default), strict=True):
         assert one.title == other.title
