@@ -72,11 +72,15 @@ class SteeringRule(NamedTuple):
 
 
 class Steering(NamedTuple):
-    """Who steers, when the driver's torque last was that of a hand [ns], and the assist's share."""
+    """Who steers, when the driver's torque last was that of a hand [ns], and the assist's share.
+
+    ``takes_over``  whether the law steers again from now on: it begins with the command sent last
+    """
 
     steered_by: int
     held_ns: int
     share: float
+    takes_over: bool = False
 
 
 def steering_rule(table: HandWheelSettings, period_s: float) -> SteeringRule:
@@ -106,7 +110,8 @@ def steering_step(
     """
     steered_by, held_ns = _who_steers(p, x, abs(torque_n_m), age_ns, now_ns, can_steer)
     share = min(x.share + p.step, 1.0) if steered_by == _BOTH else max(x.share - p.step, 0.0)
-    return Steering(steered_by, held_ns, share)
+    takes_over = can_steer and steered_by == _LAW and x.steered_by != _LAW
+    return Steering(steered_by, held_ns, share, takes_over)
 
 
 def _who_steers(

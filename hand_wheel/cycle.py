@@ -10,7 +10,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from ..dbc.messages import Mode
-from .driver import DRIVER_AT_REST, DriverParams, DriverState, Sight, driver_step
+from .driver import DRIVER_AT_REST, HANDS_OFF, DriverParams, DriverState, Sight, driver_step
 from .feedback_laws import (
     FEEDBACK_AT_REST,
     FeedbackInput,
@@ -36,11 +36,16 @@ class CycleParams(NamedTuple):
 
 
 class CycleState(NamedTuple):
-    """State of driver and law, and the newest torque of the law [N m]."""
+    """State of driver and law, and what hands and motor do until the next cycle.
+
+    ``law_n_m``   newest torque of the law, and ``told_n_m`` what the motor is told
+    """
 
     driver: DriverState
     feedback: FeedbackState
     law_n_m: float
+    hands: Hands
+    told_n_m: float
 
 
 class CycleInput(NamedTuple):
@@ -78,11 +83,13 @@ def own_motion_rad(
     return angle_rad - (wished_rad if driver_alone else followed_rad)
 
 
-CYCLE_AT_REST = CycleState(DRIVER_AT_REST, FEEDBACK_AT_REST, 0.0)
+CYCLE_AT_REST = CycleState(
+    DRIVER_AT_REST, FEEDBACK_AT_REST, 0.0, Hands(HANDS_OFF, 0.0, 0.0, 0.0), 0.0
+)
 
 
-def cycle_step(p: CycleParams, x: CycleState, u: CycleInput) -> tuple[CycleState, Hands, float]:
-    """Return the state a cycle later, what his hands do, and what the motor is told [N m]."""
+def cycle_step(p: CycleParams, x: CycleState, u: CycleInput) -> CycleState:
+    """Return the state a cycle later."""
     angle_rad, rate_rad_s, _, driver_n_m, _, _ = u.wheel
     observed = FeedbackInput(angle_rad, rate_rad_s, u.rack_force_n, u.wheel_rad, driver_n_m)
     driver, hands = driver_step(
@@ -98,5 +105,5 @@ def cycle_step(p: CycleParams, x: CycleState, u: CycleInput) -> tuple[CycleState
         felt_n_m = p.servo_n_m * lack_rad - p.servo_n_m_s * rate_rad_s
     local_n_m = -p.fallback_damping_n_m_s * rate_rad_s
     told_n_m = share * felt_n_m + u.order_n_m + (1.0 - share) * local_n_m
-    after = CycleState(driver, feedback, law_n_m)
-    return after, hands, told_n_m if isfinite(told_n_m) else local_n_m
+    told_n_m = told_n_m if isfinite(told_n_m) else local_n_m
+    return CycleState(driver, feedback, law_n_m, hands, told_n_m)

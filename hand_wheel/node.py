@@ -126,11 +126,9 @@ class HandWheelNode:
         self._kicks, self._let_go_ns = settings.kicks, settings.let_go_ns
         reaction = max(self.cycle_params.driver.two_point.reaction, 1)
         self._wishes_rad = deque([0.0] * reaction, reaction)
-        self._hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
         self._orders = self._reception.newest(HandWheelFeedback)
         self._mode = FeedbackMode(Mode.WAITING, start_ns)
-        self._told_n_m = self._ordered_n_m = 0.0
-        self._rack_force_n = self._wheel_rad = 0.0
+        self._ordered_n_m = self._rack_force_n = self._wheel_rad = 0.0
         self._ratio, self._steered_by = settings.steering_ratio, SteeredBy.DRIVER
         model = settings.nominal_model
         self._sight = Sight(0.0, 0.0, 0.0, model.speed_m_s, model.preview_distance_m)
@@ -281,9 +279,9 @@ class HandWheelNode:
 
     def _move(self, cycles: int) -> None:
         """Advance the wheel, with hands and motor as they were decided last."""
-        wheel = self._wheel
+        wheel, told_n_m, hands = self._wheel, self._cycle.told_n_m, self._cycle.hands
         for _ in range(min(cycles * self._settings.steps, _STEPS_MAX)):
-            wheel = wheel_step(self._wheel_params, wheel, self._told_n_m, self._hands)
+            wheel = wheel_step(self._wheel_params, wheel, told_n_m, hands)
         if isfinite(wheel.angle_rad) and isfinite(wheel.rate_rad_s):
             self._wheel = wheel
         else:
@@ -317,11 +315,12 @@ class HandWheelNode:
             mode,
             share,
         )
-        self._cycle, hands, self._told_n_m = cycle_step(self.cycle_params, self._cycle, inputs)
+        self._cycle = cycle_step(self.cycle_params, self._cycle, inputs)
+        if (person := self._person(now_ns)) is not None:
+            self._cycle = self._cycle._replace(hands=person)
         by_sight_rad, _, _, rests = self._cycle.driver
         # A driver whose hands rest forgets what he wished within the reaction time.
         self._wishes_rad.extend([by_sight_rad] * (len(self._wishes_rad) if rests else 1))
-        self._hands = self._person(now_ns) or hands
         self.finished = has_failed and share == 0.0
 
     def _state_frame(self, now_ns: int) -> Frame:
@@ -332,7 +331,7 @@ class HandWheelNode:
         return self._states.frame(state)
 
     def _status_frame(self, now_ns: int) -> Frame:
-        is_held = self._hands.grip is not HANDS_OFF
+        is_held = self._cycle.hands.grip is not HANDS_OFF
         status = HandWheelStatus(
             mode=self._mode.mode,
             hands=HandsSeen.ON if is_held else HandsSeen.OFF,
@@ -353,7 +352,7 @@ class HandWheelNode:
         angle_rad, rate_rad_s, motor_n_m, driver_n_m, *_ = self._wheel
         alone = self._steered_by is SteeredBy.DRIVER
         followed_rad = self._ratio * self._wheel_rad
-        self._window.append(own_motion_rad(angle_rad, self._hands, alone, followed_rad))
+        self._window.append(own_motion_rad(angle_rad, self._cycle.hands, alone, followed_rad))
         self._curvatures_1_m.append(self._sight.curvature_1_m)
         self._peak_rad = max(self._peak_rad, abs(angle_rad))
         self._peak_n_m = max(self._peak_n_m, abs(driver_n_m))

@@ -34,10 +34,10 @@ from ...hand_wheel.cycle import (
     cycle_step,
     own_motion_rad,
 )
-from ...hand_wheel.driver import HANDS_OFF, Sight
+from ...hand_wheel.driver import Sight
 from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
 from ...hand_wheel.shaking import Shaking, shaking
-from ...hand_wheel.wheel_step import AT_REST, Hands, WheelParams, WheelState, wheel_step
+from ...hand_wheel.wheel_step import AT_REST, WheelParams, WheelState, wheel_step
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.control_unit import status_of
 from ...plant_emulator.steering.hand_wheel import Heard, driver_steers, heard_step
@@ -135,15 +135,12 @@ class WheelProgress(NamedTuple):
 
     ``event``        the next one
     ``rested``       entry of ``by_sight_rad`` since which the driver has not rested
-    ``told_n_m``     torque that the motor is told [N m]
     """
 
     event: int
     wheel: WheelState
     cycle: CycleState
     rested: int
-    hands: Hands
-    told_n_m: float
     plant: Heard
     who: Steering
 
@@ -217,9 +214,8 @@ def shaking_of(w: Wheel) -> Shaking | None:
 
 
 def _start(w: Wheel) -> WheelProgress:
-    hands = Hands(HANDS_OFF, 0.0, 0.0, 0.0)
-    heard, who = Heard(0, w.first_ratio), Steering(_LAW, 0, 0.0)
-    return WheelProgress(0, AT_REST, CYCLE_AT_REST, 0, hands, 0.0, heard, who)
+    heard, who = Heard(0, w.first_ratio), Steering(_LAW, 0, 0.0, False)
+    return WheelProgress(0, AT_REST, CYCLE_AT_REST, 0, heard, who)
 
 
 start_wheel = chosen_by_type({Wheel: _start, None: lambda _: None}.get)
@@ -289,7 +285,7 @@ def after_event(w: Wheel, r: Any, x: WheelProgress, now_ns: int) -> WheelProgres
         return _run_cycle(w, r, x, number)
     if kind in (_ANSWER, _LATE_ANSWER):
         heard = heard_step(heard, w.steered_by[number], w.ratio, now_ns)
-    return WheelProgress(at + 1, x.wheel, x.cycle, x.rested, x.hands, x.told_n_m, heard, x.who)
+    return WheelProgress(at + 1, x.wheel, x.cycle, x.rested, heard, x.who)
 
 
 @register_jitable(**INLINE)
@@ -298,7 +294,7 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
     e, wheel = w.events, x.wheel
     if cycle > 0:
         for _ in range(w.steps):
-            wheel = wheel_step(w.params, wheel, x.told_n_m, x.hands)
+            wheel = wheel_step(w.params, wheel, x.cycle.told_n_m, x.cycle.hands)
     tick = e.cycle_tick[cycle]
     error_m = heading_rad = curvature_1_m = road_wheel_rad = force_n = 0.0
     speed_m_s, sample = w.speed_m_s, e.in_use[_LATERAL_ERROR, cycle]
@@ -330,15 +326,15 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
         e.mode[cycle],
         e.share[cycle],
     )
-    state, hands, told_n_m = cycle_step(w.cycle, x.cycle, known)
+    state = cycle_step(w.cycle, x.cycle, known)
     w.by_sight_rad[cycle + 1] = state.driver.by_sight_rad
     w.samples[0, cycle], w.samples[1, cycle] = wheel.angle_rad, wheel.rate_rad_s
     w.samples[2, cycle], w.samples[3, cycle] = wheel.driver_torque_n_m, wheel.motor_n_m
     alone, followed_rad = w.steered_by[tick] == _DRIVER, w.ratio * road_wheel_rad
-    w.samples[4, cycle] = own_motion_rad(wheel.angle_rad, hands, alone, followed_rad)
+    w.samples[4, cycle] = own_motion_rad(wheel.angle_rad, state.hands, alone, followed_rad)
     w.samples[5, cycle] = curvature_1_m
     rested = cycle + 1 if state.driver.rests else x.rested
-    return WheelProgress(x.event + 1, wheel, state, rested, hands, told_n_m, x.plant, x.who)
+    return WheelProgress(x.event + 1, wheel, state, rested, x.plant, x.who)
 
 
 @register_jitable(**INLINE)
@@ -350,25 +346,23 @@ def decide(
     ``law``  its command, the command before, and whether it can steer
     """
     wanted_rad, sent_rad, can_steer = law
-    cycle, before = w.events.tick_cycle[tick], x.who
+    cycle = w.events.tick_cycle[tick]
     torque_n_m, angle_rad, rate_rad_s, age_ns = 0.0, 0.0, 0.0, _NEVER_NS
     if cycle >= 0:
         angle_rad = _angle_on_wire_rad(w, cycle)
         rate_rad_s = on_wire(w.samples[1, cycle], _RATE_RAD_S)
         torque_n_m = on_wire(w.samples[2, cycle], _TORQUE_N_M)
         age_ns = now_ns - cycle * w.cycle_ns
-    steering = steering_step(w.rule, before, torque_n_m, age_ns, now_ns, can_steer)
+    steering = steering_step(w.rule, x.who, torque_n_m, age_ns, now_ns, can_steer)
     order_n_m = assist_n_m(w.rule, steering, wanted_rad, angle_rad, rate_rad_s)
     w.steered_by[tick], w.order_n_m[tick] = steering.steered_by, quantised(order_n_m, _ORDER_N_M)
-    takes_over = before.steered_by != _LAW and steering.steered_by == _LAW and can_steer
     if steering.steered_by != _LAW:
         sample = w.events.tick_wheel[tick]
         wanted_rad = wheel_on_wire_rad(r.samples[WHEEL, sample]) if sample >= 0 else 0.0
-    elif takes_over:
+    elif steering.takes_over:
         wanted_rad = sent_rad
-    kept = x.rested, x.hands, x.told_n_m, x.plant
-    after = WheelProgress(x.event, x.wheel, x.cycle, *kept, steering)
-    return after, wanted_rad, takes_over
+    after = WheelProgress(x.event, x.wheel, x.cycle, x.rested, x.plant, steering)
+    return after, wanted_rad, steering.takes_over
 
 
 def _limited(is_limited: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:

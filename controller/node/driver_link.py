@@ -41,7 +41,7 @@ class DriverLink:
         """Return who steers at the end, and how often each has begun to."""
         return {"steered_by": self.steered_by.name.lower(), "changes": dict(self.changes)}
 
-    def decide(self, now_ns: int, law_rad: float, *, can_steer: bool) -> SteeredBy:
+    def decide(self, now_ns: int, law_rad: float, *, can_steer: bool) -> Steering:
         """Return who steers from now on; ``can_steer``: whether the law can, with its command."""
         before, arrival_ns = self.steered_by, self._check.arrival_ns
         age_ns = NEVER_NS if arrival_ns is None else now_ns - arrival_ns
@@ -51,7 +51,7 @@ class DriverLink:
         self._assist_n_m = assist_n_m(rule, self._steering, law_rad, angle_rad, rate_rad_s)
         if self.steered_by is not before:
             self.changes[self.steered_by.name.lower()] += 1
-        return self.steered_by
+        return self._steering
 
     def frame(self) -> Frame:
         """Return the answer."""

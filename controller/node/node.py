@@ -371,11 +371,10 @@ class ControllerNode:
 
         So the law takes over from the driver as it recovers from a hold: without a jump.
         """
-        is_active = self._supervisor.mode is _ACTIVE
-        before = driver.steered_by
-        if driver.decide(now_ns, law_rad, can_steer=is_active) is not SteeredBy.LAW:
+        steering = driver.decide(now_ns, law_rad, can_steer=self._supervisor.mode is _ACTIVE)
+        if steering.steered_by != SteeredBy.LAW:
             return self._received.status.wheel_angle_rad
-        if before is not SteeredBy.LAW and is_active:
+        if steering.takes_over:
             self._law.start(Mode.HOLDING, self._received.error.lateral_error_m)
             return self._sent_steer_rad
         return law_rad
