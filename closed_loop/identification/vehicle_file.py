@@ -12,11 +12,12 @@ from pydantic import Field
 
 from ...controller.filters.nominal_model import NominalVehicle
 from ...plant_emulator.vehicle.car.settings import CarSettings
-from ...plant_emulator.vehicle.settings import VehicleSettings
+from ...plant_emulator.vehicle.settings import LAG_S_MIN, VehicleSettings
 from ...runtime.settings import Settings, SharedTable, load_settings, read_table
 from .figures import Figure, Verdict
 from .fit import Fit
 from .parameters import MASS_KG, Known, car_tables, values_of
+from .steering import Steering
 
 S = TypeVar("S", bound=Settings)
 _BOX = {
@@ -60,19 +61,31 @@ def vehicle_toml(found: Fit, figures: Sequence[Figure], speed_m_s: float, source
         **{key: values[key] for key in IdentifiedSettings.model_fields if key in values},
         lateral_acceleration_ahead_m=known.lateral_acceleration_ahead_m,
     )
-    lines += table_lines("vehicle", driven.model_dump(include=set(NominalVehicle._fields)))
+    lines += _table_lines("vehicle", driven.model_dump(include=set(NominalVehicle._fields)))
     lines += ["", "[uncertainty]  # for design"]
     lines += [
         f"{_BOX[one.name]} = [{mass_kg * one.low:.6g}, {mass_kg * one.high:.6g}]"
         for one in figures
         if one.name in _BOX and one.verdict is Verdict.IDENTIFIED
     ]
-    lines += table_lines("car", car.model_dump(include=set(_CAR)))
-    lines += [f'tyre = "{car.tyre}"', *table_lines("identified", own.model_dump())]
+    lines += _table_lines("car", car.model_dump(include=set(_CAR)))
+    lines += [f'tyre = "{car.tyre}"', *_table_lines("identified", own.model_dump())]
     return "\n".join(lines) + "\n"
 
 
-def table_lines(name: str, values: Mapping[str, float]) -> list[str]:
+def actuator_toml(steering: Steering | None, figures: Sequence[Figure], source: str) -> str:
+    """Return the text of actuator.toml; the car's delay is a lag where the log has no commands."""
+    lines, told = [f"# Steering identified from {source}."], steering
+    if told is None:
+        lines.append("# The sum of delay and lag, as a lag; sensors included.")
+        (total,) = (one for one in figures if one.name == "delay_and_lag_s")
+        lag_s = total.value if total.value >= LAG_S_MIN else 0.0
+        told = Steering([total], {"lag_s": lag_s}, [])
+    lines += [f"# {figure_line(one)}" for one in told.figures]
+    return "\n".join([*lines, *_table_lines("actuator", told.table), ""])
+
+
+def _table_lines(name: str, values: Mapping[str, float]) -> list[str]:
     """Return the lines of a table of TOML."""
     return ["", f"[{name}]", *(f"{key} = {value:.6g}" for key, value in values.items())]
 

@@ -40,16 +40,15 @@ from steer_by_wire.closed_loop.identification.parameters import Known
 from steer_by_wire.closed_loop.identification.steering import Steering, steering_of
 from steer_by_wire.closed_loop.identification.time_series import Channel, Drive, make_drive
 from steer_by_wire.closed_loop.identification.vehicle_file import (
+    actuator_toml,
     figure_line,
     read_vehicle,
-    table_lines,
     vehicle_toml,
 )
 from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.closed_loop.reports.terminal import counting_bars, plain_console
 from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
-from steer_by_wire.plant_emulator.vehicle.settings import LAG_S_MIN
 from steer_by_wire.runtime.command_line import (
     add_out_argument,
     command_parser,
@@ -152,19 +151,14 @@ def _identified(
         doubt = "intervals may be wrong" if is_of_car else "tolerated delays were not computed"
         stopped.append(f"interrupted in {where}: the best so far; {doubt}")
         source += f" ({stopped[0]})"
-    files = {"vehicle.toml": vehicle_toml(found.fit, found.figures, found.speed_m_s, source)}
-    if steering is None:
-        total = {one.name: one for one in found.figures}["delay_and_lag_s"]
-        note = "of delay and lag, as a lag; sensors included"
-        lag_s = total.value if total.value >= LAG_S_MIN else 0.0
-        steering, own = Steering([total], {"lag_s": lag_s}, []), [f"# The sum {note}."]
-    else:
-        own = list[str]()
-        found = found._replace(figures=[*found.figures, *steering.figures])
-    lines = [f"# Steering identified from {source}.", *own]
-    lines += [f"# {figure_line(one)}" for one in steering.figures]
-    lines += [*table_lines("actuator", steering.table), ""]
-    found = found._replace(notes=[*found.notes, *steering.notes, *stopped])
+    files = {
+        "vehicle.toml": vehicle_toml(found.fit, found.figures, found.speed_m_s, source),
+        "actuator.toml": actuator_toml(steering, found.figures, source),
+    }
+    figures, notes = (steering.figures, steering.notes) if steering else ([], [])
+    found = found._replace(
+        figures=[*found.figures, *figures], notes=[*found.notes, *notes, *stopped]
+    )
     advice = _advice(margin, found)
     record = {
         "figures": {
@@ -179,7 +173,7 @@ def _identified(
         "notes": found.notes,
         "delays": advice,
     }  # fmt: skip
-    files |= {"actuator.toml": "\n".join(lines), **network, "report.json": json_text(record)}
+    files |= {**network, "report.json": json_text(record)}
     files["report.html"] = report_html(source, found, doubts, advice)
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
