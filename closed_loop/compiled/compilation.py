@@ -134,8 +134,10 @@ def compiled_for_process(made: Any) -> Any:
 def _load_numba() -> None:
     """Load what numba knows of arrays without scipy, which takes longer than all of numba.
 
-    A step that multiplies matrices loads it when it is compiled.
+    A step that multiplies matrices loads it when it is compiled. Loops of vectors take two at once:
+    a car's step is so long that a processor would not find the next one to fill its waits with.
     """
+    import_module("llvmlite.binding").set_option("", "-force-vector-interleave=2")
     loads_scipy, _linalg.ensure_blas = _linalg.ensure_blas, lambda: None
     import_module("numba.np.arraymath")
     _linalg.ensure_blas = loads_scipy

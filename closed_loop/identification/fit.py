@@ -209,7 +209,7 @@ class _Judge:
     ) -> list[tuple[FloatArray, ...]]:
         """Return the errors of cars with these parameters; the rest is as in ``respond``."""
         workers = min(os.cpu_count() or 1, 8)
-        size = min(-(-len(cars) // workers // 4) * 4, LANES)
+        size = min(-(-len(cars) // workers // 8) * 8, LANES)
 
         def errors(first: int) -> list[tuple[FloatArray, ...]]:
             part = slice(first, first + size)

@@ -29,7 +29,7 @@ from .time_series import Channel, Drive, Quantity
 
 STEP_S = 0.001
 LANES = 16
-"""Cars at once: they take as long as six one by one."""
+"""Cars at once: they take as long as five one by one."""
 _BLOCK = 32
 """Steps whose steering is read before the first of them, and whose outputs are kept after."""
 _COARSE = 5
@@ -133,8 +133,8 @@ def respond(
     drive = grid.step_s, ahead_1_s, *segments, grid.speed_m_s, grid.acceleration_m_s2
     for first in range(0, len(cars), LANES):
         own = outputs[first : first + LANES]
-        # Vectors have four lanes, or eight: those without a car repeat the last one.
-        lanes = -(-len(own) // 4) * 4 if len(own) > 1 else 1
+        # Two vectors have eight lanes, or more: those without a car repeat the last one.
+        lanes = -(-len(own) // 8) * 8 if len(own) > 1 else 1
         at = np.minimum(first + np.arange(LANES), len(cars) - 1)
         rows = np.minimum(at[:lanes], len(steered) - 1)
         _respond(np.take(numbers, at, axis=0).T.ravel(), magic, rows, steered, drive, own)
