@@ -113,6 +113,8 @@ SPREAD_PARTS = 4
 SPREAD_RESOLUTION_NS = 1_000_000
 _SETTLING_S = 1.5
 _STRIDE_S = 0.2
+_ROUNDING = 1e-25
+"""What a stride leaves of moments that are zero but for rounding."""
 _SMALLEST_UNIT = 1e-9
 _TOLERANCE = 1e-5
 _SIGN_TOLERANCE = 0.3
@@ -173,13 +175,17 @@ class MomentRecursion:
                 f" {MOMENTS_MAX}: take a lower rate, a shorter latency or a smaller spread"
             )
         self._shape = (modes, order, order)
-        self._plant_end = plant_end
         self._period_s = loop.period_ns / NS_PER_S
-        self._transition, self._hold = zero_order_hold(a, b, self._period_s)
-        self._held_rows = law_end + youngest + np.arange(modes)
-        self._law = np.zeros((law_end + 1 - plant_end, law_end))  # its next state and command
-        self._law[:, :plant_end] = np.vstack([law.b, law.d]) @ c
-        self._law[:, plant_end:] = np.vstack([law.a, law.c])
+        transition, hold = zero_order_hold(a, b, self._period_s)
+        moves = np.broadcast_to(np.eye(order), self._shape).copy()
+        moves[:, :plant_end, :plant_end] = transition
+        moves[np.arange(modes), :plant_end, law_end + youngest + np.arange(modes)] = hold
+        decides = np.eye(order)
+        decides[law_end + 1 :] = decides[law_end:-1]  # all commands are a period older
+        decides[plant_end : law_end + 1] = 0.0
+        decides[plant_end : law_end + 1, :plant_end] = np.vstack([law.b, law.d]) @ c
+        decides[plant_end : law_end + 1, plant_end:law_end] = np.vstack([law.a, law.c])
+        self._step = decides @ moves
         self._chosen, self._kept = newest_arrivals(hazards[youngest:])
 
     def is_stable(self) -> bool:
@@ -200,10 +206,10 @@ class MomentRecursion:
         for _ in range(math.ceil(_SETTLING_S / _STRIDE_S)):
             x = self._over(periods, x)
             largest = np.abs(x).max()
-            if largest == 0.0:
+            if largest < _ROUNDING:
                 return math.inf  # dead beat: nothing is left after a few periods
             x /= largest
-        unit = np.sqrt(np.einsum("mii->i", x.reshape(self._shape)))
+        unit = np.sqrt(np.maximum(np.einsum("mii->i", x.reshape(self._shape)), 0.0))
         unit = np.maximum(unit, _SMALLEST_UNIT * unit.max())
         units = np.broadcast_to(np.outer(unit, unit), self._shape).reshape(-1)
 
@@ -221,42 +227,13 @@ class MomentRecursion:
         return float(rates[-1])
 
     def _over(self, periods: int, moments: FloatArray) -> FloatArray:
-        x, spare = moments.reshape(self._shape).copy(), np.empty(self._shape)
+        x, transposed = moments.reshape(self._shape).copy(), self._step.transpose(0, 2, 1)
         for _ in range(periods):
             _redistribute(x, self._chosen, self._kept)
-            self._move(x)
-            self._decide(x, spare)
-            x, spare = spare, x
+            moved = self._step @ x @ transposed
+            x[0], x[1:] = 0.0, moved[:-1]  # the command that is held is a period older
+            x[-1] += moved[-1]  # but the oldest one stays in the oldest mode
         return x.reshape(-1)
-
-    def _move(self, x: FloatArray) -> None:
-        """Move the plant by one period, each mode with the command that it holds."""
-        end, each = self._plant_end, np.arange(len(x))
-        held = x[each, self._held_rows][:, None, :]
-        x[:, :end] = self._transition @ x[:, :end] + self._hold[:, None] * held
-        held = x[each, :, self._held_rows][:, :, None]
-        x[:, :, :end] = x[:, :, :end] @ self._transition.T + held * self._hold
-
-    def _decide(self, x: FloatArray, after: FloatArray) -> None:
-        """Fill ``after`` with the moments after the decision: all commands are a period older."""
-        if len(x) > 1:
-            after[0] = 0.0
-            x[-2] += x[-1]  # the oldest command held stays in the oldest mode
-            x, after = x[:-1], after[1:]
-        plant, law_end = slice(self._plant_end), self._law.shape[1]
-        law, known = slice(self._plant_end, law_end + 1), slice(law_end)
-        on_their_way = slice(law_end, -1)
-        aged = slice(law_end + 1, None)
-        rows, columns = self._law @ x[:, known, :], x[:, :, known] @ self._law.T
-        after[:, plant, plant] = x[:, plant, plant]
-        after[:, aged, aged] = x[:, on_their_way, on_their_way]
-        after[:, plant, aged] = x[:, plant, on_their_way]
-        after[:, aged, plant] = x[:, on_their_way, plant]
-        after[:, law, plant] = rows[:, :, plant]
-        after[:, law, aged] = rows[:, :, on_their_way]
-        after[:, law, law] = rows[:, :, known] @ self._law.T
-        after[:, plant, law] = columns[:, plant]
-        after[:, aged, law] = columns[:, on_their_way]
 
 
 def _arnoldi(operator: Callable[[FloatArray], FloatArray], start: FloatArray) -> Iterator[float]:

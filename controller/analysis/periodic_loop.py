@@ -40,8 +40,6 @@ _START_S = 10
 """Start of the analysed period, late enough for all the history that a law reads."""
 _TICKS_MAX = 100
 """Most ticks, and most samples, in one common multiple of the periods."""
-_DOUBLINGS = 60
-_SETTLED = 1e-12
 _FREQUENCIES = 600
 _PARTS = 20
 """The frequencies are split into so many parts, so that the matrices of one fit into the cache."""
@@ -146,14 +144,11 @@ class PeriodicLoop:
         """Return the RMS of the steer for white noise of 1 m; infinite where it grows."""
         if self.decay_1_s(delay_ns) <= 0.0:
             return math.inf
+        from scipy.linalg import solve_discrete_lyapunov  # nodes import this module
+
         (a, b, c, d, *_), kept = self.matrices(delay_ns), self._kept(delay_ns)[1]
         a, b, c = a[np.ix_(kept, kept)], b[kept], c[:, kept]
-        covariance = b @ b.T
-        for _ in range(_DOUBLINGS):
-            more = a @ covariance @ a.T
-            covariance, a = covariance + more, a @ a
-            if np.abs(more).max() <= _SETTLED * np.abs(covariance).max():
-                break
+        covariance = solve_discrete_lyapunov(a, b @ b.T)
         powers = np.einsum("ti,ij,tj->t", c, covariance, c) + np.square(d).sum(axis=1)
         return float(np.sqrt(powers.mean()))
 
