@@ -1,7 +1,6 @@
 """Processes that run together and end with this one: bus, plant, controller and others."""
 
 import errno
-import json
 import os
 import shutil
 import signal
@@ -12,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import IO, Any, Self
+from typing import IO, Self
 
 from ...runtime.exit_status import BusError, printable
 
@@ -87,7 +86,6 @@ class Processes:
         self._lifeline = Lifeline()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._asked: set[str] = set()
-        self._statuses: dict[str, int] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -130,9 +128,7 @@ class Processes:
 
     def status(self, name: str) -> int | None:
         """Return the exit status of one, None while it runs."""
-        if name in self._processes:
-            return self._processes[name].poll()
-        return self._statuses[name]
+        return self._processes[name].poll()
 
     def failure(self, name: str) -> ProcessError:
         """Return the error to raise when one has ended too early, or with an error."""
@@ -141,34 +137,18 @@ class Processes:
             f"{name} has ended with status {self.status(name)}: {self._last_line(name)}"
         )
 
-    def check(self) -> None:
-        """Raise ProcessError when one has ended."""
-        for name, process in self._processes.items():
-            if process.poll() is not None:
-                raise self.failure(name)
-
-    def kill(self, names: Sequence[str]) -> None:
-        """Kill some of them with SIGKILL."""
-        for name in names:
-            process = self._processes[name]
-            process.kill()
-            self._statuses[name] = process.wait()  # before it goes: another thread may ask for it
-            del self._processes[name]
+    def kill(self, name: str) -> None:
+        """Kill one with SIGKILL."""
+        self._processes[name].kill()
+        self._processes[name].wait()
 
     def signal(self, name: str, number: int) -> None:
         """Send a signal to one, if it still runs."""
         self._processes[name].send_signal(number)
 
-    def stop(self, name: str) -> dict[str, Any]:
-        """End one cleanly; returns its report. Raises ProcessError when it fails."""
-        if self.end(name):
-            raise self.failure(name)
-        report: dict[str, Any] = json.loads(self.path(name, ".json").read_text(encoding="utf-8"))
-        return report
-
     def interrupt(self, name: str) -> None:
         """Send SIGINT, once: a second one may come when the handler has been removed."""
-        if name in self._processes and name not in self._asked:
+        if name not in self._asked:
             self._asked.add(name)
             self._processes[name].send_signal(signal.SIGINT)
 
@@ -177,18 +157,12 @@ class Processes:
 
         Raises ProcessError when it does not end.
         """
-        if name not in self._processes:
-            return self._statuses[name]
         self.interrupt(name)
-        process = self._processes.pop(name)
         try:
-            status = process.wait(STOP_TIMEOUT_S)
+            return self._processes[name].wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
-            process.kill()
-            self._statuses[name] = process.wait()
+            self.kill(name)
             raise ProcessError(f"{name} does not end") from None
-        self._statuses[name] = status
-        return status
 
     def _refuse_full_disk(self) -> None:
         """Raise OSError where a program could not write what it has to say."""

@@ -211,7 +211,7 @@ class OwnLanes:
             if self.hand is None or not self.lanes[lane].status["lost"]:
                 return
             self.hand.let_go()  # its last orders would move the new car
-            pair.programs.kill([name])
+            pair.programs.kill(name)
             action = "restart"
         if action == "restart":
             if pair.programs.status(name) is not None:

@@ -4,6 +4,7 @@ One run, in phases that foreign frames on the bus set apart from each other: eve
 about what the log and the reports hold, and none about when.
 """
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -142,8 +143,9 @@ def run(folder: Path) -> Run:
             end_phase()
             await_commands(PHASE_COMMANDS)
             end_phase()
-            pair.check()
-            reports = {name: pair.stop(name) for name in options}
+            assert [pair.status(name) for name in options] == [None, None]
+            assert [pair.end(name) for name in options] == [0, 0]
+            reports = {name: json.loads(pair.path(name, ".json").read_text()) for name in options}
         wait_until(lambda: len(cut(read(log))) == len(Phases._fields), "the log is complete")
     return Run(
         Phases(*cut(read(log))),
