@@ -140,12 +140,9 @@ class Design(NamedTuple):
         if self.uniforms is not None:
             row = self.uniforms[index].tolist()
             return tuple(factor.at(u) for factor, u in zip(self.factors, row, strict=True))
-        picked = []
-        for factor in reversed(self.factors):
-            levels = factor.levels or ()
-            index, place = divmod(index, len(levels))
-            picked.append(levels[place])
-        return tuple(reversed(picked))
+        all_levels = [factor.levels or () for factor in self.factors]
+        places = np.unravel_index(index, [len(levels) for levels in all_levels])
+        return tuple(levels[place] for levels, place in zip(all_levels, places, strict=True))
 
 
 def make_design(factors: tuple[Factor, ...], sampling: SamplingSettings) -> Design:

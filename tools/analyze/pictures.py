@@ -1,6 +1,6 @@
 """The pictures of the page about one log: deviation and steer, latency."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,14 +22,13 @@ WIDTH_IN = 10.5
 
 def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> list[Picture]:
     """Draw what the log has the frames for."""
-    draw: dict[str, Callable[[LogAnalysis, Mapping[str, Any]], Figure | None]] = {
-        "Lateral error and steer": _draw_motion,
-        "Latency": _draw_latency,
-    }
     if not figures["has_times"]:
         return []
     with plot_style():
-        drawn = {title: function(analysis, figures) for title, function in draw.items()}
+        drawn = {
+            "Lateral error and steer": _draw_motion(analysis, figures),
+            "Latency": _draw_latency(analysis, figures),
+        }
     return [Picture(png_of(figure), title) for title, figure in drawn.items() if figure is not None]
 
 
