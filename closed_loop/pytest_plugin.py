@@ -40,13 +40,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run a test with a rig once for each of its seeds."""
-    if "rig" in metafunc.fixturenames:
-        marker = metafunc.definition.get_closest_marker(MARKER)
-        seeds = marker.kwargs.get("seeds", ()) if marker is not None else ()
-        if not isinstance(seeds, Iterable):
-            pytest.fail(f"marker {MARKER}: seeds = {seeds!r} should be a list: [{seeds!r}]", False)
-        if seeds := list(seeds):
-            metafunc.parametrize("rig", seeds, indirect=True, ids=[f"seed{s}" for s in seeds])
+    marker = metafunc.definition.get_closest_marker(MARKER)
+    if "rig" in metafunc.fixturenames and marker is not None and "seeds" in marker.kwargs:
+        seeds = marker.kwargs["seeds"]
+        if not isinstance(seeds, Iterable) or not (seeds := [*seeds]):
+            pytest.fail(f"marker {MARKER}: seeds = {seeds!r} should be a list, as [1, 2]", False)
+        metafunc.parametrize("rig", seeds, indirect=True, ids=[f"seed{s}" for s in seeds])
 
 
 @pytest.fixture

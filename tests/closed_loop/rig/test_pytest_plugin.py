@@ -69,7 +69,7 @@ def test_a_frame_arrives(can_bus, recording):
     [
         ("latency=0.1", "takes plant, latency_s, seeds"),
         ("0.1", "positional arguments"),
-        ("seeds=3", "seeds = 3 should be a list"),
+        ("seeds=[]", "seeds = [] should be a list, as [1, 2]"),
         ('bus="vcan0"', "known: auto, socketcan, emulated"),
     ],
 )
