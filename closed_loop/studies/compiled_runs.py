@@ -183,7 +183,14 @@ class Computer:
         except NothingArrivesError:
             row[COUNTED] = 0.0
             return RunEnd.NO_START
-        run = run_compiled(plant, controller, network.plan, wheel)
+        plan = network.plan
+        run = run_compiled(plant, controller, plan, wheel)
+        samples, ticks = len(run.time_s), len(run.tick_s)
+        taken = samples + _samples_before_motion(plant, plan)
+        acted = _acted(plan, plan.first_tick + ticks, taken)
+        if not acted and wheel is None:
+            row[COUNTED] = 0.0
+            return RunEnd.NO_START
         in_effect = (plant.safety, len(run.command), *run.command[-1:].tolist())
         # Who steers decides it too, which a driver does by how the wheel moves.
         known = None if wheel is not None else network.latency.get(in_effect)
@@ -195,13 +202,10 @@ class Computer:
             felt_s = felt_delay_s(plant, wheel, run.wheel.events)
             shaking = shaking_of(run.wheel) or ()
             row[COUNTED.stop :] = HandWheelFigures(*shaking)._replace(felt_delay_s=felt_s)
-        samples, ticks = len(run.time_s), len(run.tick_s)
-        plan = network.plan
-        taken = samples + _samples_before_motion(plant, plan)
         row[COUNTED] = (
             samples,
             ticks,
-            _acted(plan, plan.first_tick + ticks, taken),
+            acted,
             plan.commands_lost[ticks],
             plan.measurements_lost[taken],
         )

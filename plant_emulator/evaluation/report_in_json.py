@@ -10,9 +10,16 @@ from .run_verdict import VerdictRules, driven_end, judge
 
 
 def motion_report(
-    figures: RunningFigures, motion_ns: int, rules: VerdictRules, noise_m: float, period_s: float
+    figures: RunningFigures,
+    motion_ns: int,
+    rules: VerdictRules,
+    noise_m: float,
+    period_s: float,
+    is_driven: bool = True,
 ) -> Mapping[str, Any]:
     """Return how well the path was held.
+
+    ``is_driven``         whether a command ever acted, or none was sent
 
     ``*rms_m``, ``peak_m``, ``final_m``  of the car's deviation; None if a log has none
     ``lateral_error_final_m``  of the judged point: what the verdict takes for the lateral error
@@ -30,7 +37,7 @@ def motion_report(
     held, peaks_m = figures.held, figures.peaks_m
     samples, outside = held.samples, figures.outside
     newest = list(figures.newest_m), list(figures.newest_wheel_rad)
-    end = driven_end(samples, held.preview_peak_m)
+    end = driven_end(samples * is_driven, held.preview_peak_m)
     judged = judge(rules, *newest, end, noise_m, peaks_m, period_s, samples)
     is_cg_known = not math.isnan(held.rms_m)
     return {

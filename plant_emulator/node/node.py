@@ -338,6 +338,7 @@ class PlantNode:
         """
         settings, clamped = self._settings, self._sampling.frames.clamped
         reception, asked_m_s = self._reception, self._slowest_asked_m_s
+        downlink = line_report(self._network.downlink)
         return {
             "seed": settings.seed,
             "failure": self._failure,
@@ -347,8 +348,9 @@ class PlantNode:
                 settings.verdict,
                 settings.sensor_noise.lateral_error_m,
                 settings.sensor_period_ns / NS_PER_S,
+                downlink["released"] > 0 or downlink["pushed"] == 0,
             ),
-            "downlink": line_report(self._network.downlink),
+            "downlink": downlink,
             "uplink": line_report(self._network.uplink),
             "accepted": reception.accepted,
             "lost_on_the_bus": reception.lost,

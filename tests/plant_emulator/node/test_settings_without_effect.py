@@ -114,8 +114,9 @@ def test_clamped_values_are_counted() -> None:
 
 
 def test_a_run_reports_what_never_acted() -> None:
-    wind = {"plant.disturbance.steps": [{"at_s": 50.0, "side_force_n": 300.0}]}
-    run = simulate(duration_s=3.0, overrides=wind)
-    assert run.plant_report["warnings"] == [
+    never = {"plant.disturbance.steps": [{"at_s": 50.0}], "plant.latency.downlink.loss": 1.0}
+    report = simulate(duration_s=3.0, overrides=never).plant_report
+    assert report["warnings"] == [
         "disturbance.steps[0] never acted, from 50 s on: the motion ended at 3 s"
     ]
+    assert report["verdict"] == "no start"

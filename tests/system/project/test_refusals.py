@@ -17,7 +17,6 @@ REFUSED = {
     "analyse": "no command 'analyse'; did you mean analyze?",
     "--completion csh": "--completion takes one of bash, zsh",
     "analyze none.log --out file": "--out: 'file' is no folder",
-    "bus --bitrate 0": "--bitrate",
     "bus --bitrate 2000000": "--bitrate",
     "bus --data-bitrate 1": "--data-bitrate",
     "bus --priority 100": "--priority",
