@@ -14,7 +14,6 @@ that meets one is stable, if it is stable for Δ_m = 0; a loop that fails it may
 The exact answer is in ``controller.analysis.sampled_loop``.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +25,7 @@ from ...controller.laws.law_from_settings import required
 from ...controller.laws.settings import LawSettings
 from ...runtime.array_types import ComplexArray, FloatArray
 
-_OMEGA_RAD_S = (1e-3, 1e5)
-_OMEGAS = 10_000
+OMEGA_RAD_S = np.geomspace(1e-3, 1e5, 10_000)
 
 
 class Peak(NamedTuple):
@@ -35,13 +33,6 @@ class Peak(NamedTuple):
 
     size: float
     omega_rad_s: float
-
-
-class Uncertainty(NamedTuple):
-    """Largest |Δ_m| over a set of plants at each ω [rad/s]; both arrays have the same length."""
-
-    omega_rad_s: FloatArray
-    size: FloatArray
 
 
 class CdobParts(NamedTuple):
@@ -78,23 +69,16 @@ def multiplicative_uncertainty(
     return np.asarray(ratio - 1.0, np.complex128)
 
 
-def largest_uncertainty(
-    plants: Sequence[TransferFunction], model: TransferFunction, delay_s: float = 0.0
-) -> Uncertainty:
-    """Return the largest |Δ_m| of all plants, ω from 0.001 to 100,000 rad/s."""
-    omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
-    sizes = [
-        np.abs(multiplicative_uncertainty(plant, model, omega_rad_s, delay_s)) for plant in plants
-    ]
-    return Uncertainty(omega_rad_s, np.max(sizes, axis=0))
-
-
-def condition_23(q: TransferFunction, uncertainty: Uncertainty) -> Peak:
+def condition_23(
+    q: TransferFunction, plant: TransferFunction, model: TransferFunction, delay_s: float = 0.0
+) -> Peak:
     """Return the largest |Q Δ_m|: the condition is met where it is below 1."""
-    omega_rad_s, size = uncertainty
-    sizes = np.abs(q.response(on_axis(omega_rad_s))) * size
-    largest = int(np.argmax(sizes))
-    return Peak(float(sizes[largest]), float(omega_rad_s[largest]))
+
+    def size(omega_rad_s: FloatArray) -> FloatArray:
+        uncertainty = multiplicative_uncertainty(plant, model, omega_rad_s, delay_s)
+        return np.abs(q.response(on_axis(omega_rad_s)) * uncertainty)
+
+    return Peak(*peak_of(size, OMEGA_RAD_S))
 
 
 def delay_uncertainty(omega_rad_s: FloatArray, delay_s: float) -> ComplexArray:
@@ -117,4 +101,4 @@ def cdob_small_gain(parts: CdobParts, delay_s: float) -> Peak:
         nominal = cdob_nominal_loop(parts, omega_rad_s)
         return np.abs(nominal / (1.0 + nominal) * delay_uncertainty(omega_rad_s, delay_s))
 
-    return Peak(*peak_of(size, np.geomspace(*_OMEGA_RAD_S, _OMEGAS)))
+    return Peak(*peak_of(size, OMEGA_RAD_S))
