@@ -16,10 +16,6 @@ _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """Limits numerical libraries to one thread: workers would wait for each other's threads."""
 
 
-class WorkerEndedError(UserError):
-    """A worker process has ended before its work was done."""
-
-
 class _Pool(ProcessPoolExecutor):
     """Starts its processes, when work is submitted, with Ctrl-C held back."""
 
@@ -33,7 +29,7 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Open worker processes.
 
     An exception in the block, Ctrl-C included, ends them at once without waiting for their work.
-    A worker that ended before is WorkerEndedError.
+    A worker that ended before is a UserError.
     Ctrl-C reaches every process of a terminal; the workers leave it to this process. They end when
     this process has ended, however it ended.
     """
@@ -50,9 +46,9 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
             for child in set(multiprocessing.active_children()) - others:
                 child.terminate()
         if isinstance(error, BrokenProcessPool):
-            text = "a worker process was ended from outside (by a signal, or for want of memory)"
-            raise WorkerEndedError(
-                f"{text}: run again, with fewer workers or more memory"
+            raise UserError(
+                "a worker process was ended from outside (by a signal, or for want of memory):"
+                " run again, with fewer workers or more memory"
             ) from error
         raise
     pool.shutdown()

@@ -82,8 +82,8 @@ def arrivals(cdf: LatencyCdf, period_ns: int, loss: float = 0.0) -> Arrivals:
         count *= 2
 
 
-def hazards_by_age(when: Arrivals) -> tuple[FloatArray, int]:
-    """Return h_b for the ages to follow, shape (ages,), and the largest of them.
+def hazards_by_age(when: Arrivals) -> FloatArray:
+    """Return h_b for the ages to follow, shape (ages,).
 
     Followed are commands up to the age at which, but for AGE_PROBABILITY_MIN, a newer one has come.
     Raises ValueError where none ever comes.
@@ -91,17 +91,16 @@ def hazards_by_age(when: Arrivals) -> tuple[FloatArray, int]:
     arrived = np.where(when.cdf < AGE_PROBABILITY_MIN, 0.0, when.cdf) * (1.0 - when.loss)
     if not len(arrived) or not arrived[-1] > 0.0:
         raise ValueError("no command ever arrives")
-    still_out, oldest = 1.0, -1
-    while still_out >= AGE_PROBABILITY_MIN:  # none of the ages 0 to oldest has arrived
-        oldest += 1
-        still_out *= 1.0 - arrived[min(oldest, len(arrived) - 1)]
-    ages = oldest + 1
+    still_out, ages = 1.0, 0
+    while still_out >= AGE_PROBABILITY_MIN:  # none of so many ages has arrived
+        still_out *= 1.0 - arrived[min(ages, len(arrived) - 1)]
+        ages += 1
     padded = np.concatenate([[0.0], arrived, np.full(max(0, ages - len(arrived)), arrived[-1])])
     out_before = 1.0 - padded[:-1]
     hazards = np.divide(
         np.diff(padded), out_before, out=np.ones_like(out_before), where=out_before > 0.0
     )
-    return hazards[:ages], oldest
+    return hazards[:ages]
 
 
 MOMENTS_MAX = 250_000
@@ -163,12 +162,12 @@ class MomentRecursion:
     """
 
     def __init__(self, loop: SampledLoop, when: Arrivals) -> None:
-        hazards, oldest = hazards_by_age(when)
+        hazards = hazards_by_age(when)
         youngest = int(np.argmax(hazards > 0.0))
         law = without_idle_states(loop.law)
         a, b, c = companion_form(loop.model, len(law.d))
         plant_end, law_end = len(b), len(b) + len(law.b)
-        order, modes = law_end + oldest + 1, oldest + 1 - youngest
+        order, modes = law_end + len(hazards), len(hazards) - youngest
         if modes * order**2 > MOMENTS_MAX:
             raise JitterTooLargeError(
                 f"{modes} ages of the command held times {order}² moments are more than"

@@ -152,12 +152,6 @@ def triangular(system: LinearSystem) -> TriangularSystem:
     return TriangularSystem(triangle, basis.conj().T @ (b / scale[:, None]), (c * scale) @ basis, d)
 
 
-@lru_cache(maxsize=1)
-def triangular_law(design: LawDesign) -> TriangularSystem:
-    """Return a law in Schur form; the newest is kept, as demand after demand asks for it."""
-    return triangular(law_system(design))
-
-
 @lru_cache(maxsize=_PLANTS_KEPT)
 def held_plant(
     model: TransferFunction, period_ns: int, delay_ns: int, outputs: int = 1

@@ -22,9 +22,10 @@ import numpy as np
 
 from ...controller.analysis.linear_system import (
     held_plant,
+    law_system,
     output_rows,
     plant_response,
-    triangular_law,
+    triangular,
 )
 from ...controller.analysis.loop_signals import HEADING_NOISE_1_M
 from ...controller.filters.transfer_function import Factor, TransferFunction
@@ -87,7 +88,7 @@ def circle_grid(
 
 def loop_figures(grid: CircleGrid, design: LawDesign) -> LoopFigures:
     """Return the figures of a law around every plant of the grid; meaningless if unstable."""
-    law = triangular_law(design).response(grid.z)
+    law = triangular(law_system(design)).response(grid.z)
     loop = (grid.plants[: len(law)] * law[:, None, None]).sum(axis=0)
     sensitivity = 1.0 / np.abs(1.0 - loop)
     size = np.abs(law[0])
