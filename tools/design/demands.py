@@ -180,10 +180,9 @@ def judge_law(study: Study, law: str, values: Values) -> Judgement:
     if not study.without.issuperset(_OF_THE_PD):
         demands += _region(study, pd_design)
     figures = loop_figures(study.frequency, design)
-    peak, noise_rad_m = figures.peak_sensitivity.max(), figures.noise_gain_rad_m.max()
     demands += [
-        Demand("peak sensitivity", float(peak), spec.peak_sensitivity_max),
-        Demand("noise gain", float(noise_rad_m), spec.noise_gain_rad_m_max),
+        Demand("peak sensitivity", figures.peak_sensitivity, spec.peak_sensitivity_max),
+        Demand("noise gain", figures.noise_gain_rad_m, spec.noise_gain_rad_m_max),
     ]
     rough = _judged(study, np.inf, demands)
     if rough.violation > _NEARLY_MET:

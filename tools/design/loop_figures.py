@@ -70,10 +70,10 @@ class CircleGrid(NamedTuple):
 
 
 class LoopFigures(NamedTuple):
-    """Both of shape (corners, delays)."""
+    """The worst of all vehicles and delays; infinite where one is found to be not stable."""
 
-    peak_sensitivity: FloatArray
-    noise_gain_rad_m: FloatArray
+    peak_sensitivity: float
+    noise_gain_rad_m: float
 
 
 def circle_grid(
@@ -87,7 +87,7 @@ def circle_grid(
 
 
 def loop_figures(grid: CircleGrid, design: LawDesign) -> LoopFigures:
-    """Return the figures of a law around every plant of the grid; meaningless if unstable."""
+    """Return the figures of a law around the plants of the grid; meaningless if unstable."""
     law = triangular(law_system(design)).response(grid.z)
     loop = (grid.plants[: len(law)] * law[:, None, None]).sum(axis=0)
     sensitivity = 1.0 / np.abs(1.0 - loop)
@@ -98,7 +98,7 @@ def loop_figures(grid: CircleGrid, design: LawDesign) -> LoopFigures:
     mean = 0.5 * (power[..., 1:] + power[..., :-1]) @ np.diff(grid.angle_rad) / math.pi
     # Below the first point the power is taken as constant.
     mean += power[..., 0] * grid.angle_rad[0] / math.pi
-    return LoopFigures(_peak(sensitivity), np.sqrt(mean))
+    return LoopFigures(float(_peak(sensitivity).max()), math.sqrt(mean.max()))
 
 
 def _peak(size: FloatArray) -> FloatArray:

@@ -41,6 +41,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
 from .demands import Demand
+from .loop_figures import LoopFigures
 from .road import lag_of, road_plants, roads_in_words
 from .search.evolution import Search, Values
 from .search.law_parameters import validity, with_set_point
@@ -184,13 +185,6 @@ def largest_error_m(task: Task, settings: ControllerSettings, met: ConditionsTab
     return max(worst_m(runs(task, settings, latency, lag_s, seed), "largest_m") for seed in seeds)
 
 
-class LinearFigures(NamedTuple):
-    """The worst of all vehicles and delays; infinite where one is not stable."""
-
-    peak_sensitivity: float
-    noise_gain_rad_m: float
-
-
 def road_errors_m(task: Task, settings: ControllerSettings, delay_ns: int) -> tuple[float, float]:
     """Return the largest deviation of the car, and that of the heavier and softer one."""
     seeds = range(1, task.table.seeds + 1)
@@ -205,7 +199,7 @@ def road_errors_m(task: Task, settings: ControllerSettings, delay_ns: int) -> tu
 
 def linear_figures(
     task: Task, settings: ControllerSettings, delays_ns: Sequence[int]
-) -> LinearFigures:
+) -> LoopFigures:
     """Return the figures of the loop; it has to be stable beyond the range by the margin too."""
     design, loop_delay = design_law(linear(settings)), settings.loop_delay
     responses: Responses = {}  # the law's own, at each speed
@@ -218,9 +212,9 @@ def linear_figures(
     ]
     beyond_ns = task.table.delays_ns[-1] + round(task.table.margin_ms * NS_PER_MS)
     if not all(loop.is_stable(each) for loop in loops for each in (*delays_ns, beyond_ns)):
-        return LinearFigures(math.inf, math.inf)
+        return LoopFigures(math.inf, math.inf)
     places = list(product(loops, delays_ns))
-    return LinearFigures(
+    return LoopFigures(
         max(loop.peak_sensitivity(delay_ns) for loop, delay_ns in places),
         max(loop.noise_gain_rad_m(delay_ns) for loop, delay_ns in places),
     )

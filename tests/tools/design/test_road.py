@@ -13,7 +13,7 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.plant_emulator.network.settings import LatencySettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
-from steer_by_wire.tools.design.predictor_design import LinearFigures, Task, linear_figures
+from steer_by_wire.tools.design.predictor_design import LoopFigures, Task, linear_figures
 from steer_by_wire.tools.design.road import on_road, road_plants
 from steer_by_wire.tools.design.specification import RoadTable, Specification
 from steer_by_wire.tools.design.vehicle_file import load_vehicle
@@ -122,6 +122,6 @@ def test_check_assumes_the_lag_that_a_design_is_judged_with(
     with ThreadPoolExecutor(1) as pool:
         task = Task(pool, spec, load_vehicle(SEDAN))
         judged = linear_figures(task, settings, [delay_ns])
-    assert judged == LinearFigures(
+    assert judged == LoopFigures(
         checked.peak_sensitivity(delay_ns), checked.noise_gain_rad_m(delay_ns)
     )
