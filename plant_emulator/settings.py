@@ -114,16 +114,12 @@ class PlantSettings(Settings):
         return self
 
     @model_validator(mode="after")
-    def _has_one_vehicle(self) -> Self:
+    def _has_one_vehicle_that_can_stop(self) -> Self:
         if self.vehicle.model is not None and self.car is not None:
             raise ValueError(
                 "vehicle.model has the equations of the linear vehicle: with a table [car] name a"
                 " car.model, or leave [car] out"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _can_stop(self) -> Self:
         if self.safety.stop_m_s2 is not None and self.car is None:
             raise ValueError(
                 "safety.stop_m_s2 needs a table [car]: the linear vehicle cannot brake"

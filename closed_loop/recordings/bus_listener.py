@@ -20,8 +20,6 @@ from ...runtime.frame import ERROR, Frame
 
 RULE = CounterRule(lead_ns=HALF * PERIOD_NS_MIN, resync_run=20)
 """Accept whatever is newer, and a restart of the sender after 20 rejected counters in a row."""
-_SURE = 20
-"""Frames after which their period tells whether a silence hides whole turns of their counter."""
 FOREIGN_IDS_MAX = 1000
 """How many foreign identifiers are counted separately."""
 
@@ -175,7 +173,7 @@ class BusListener:
         since_ns, newest_ns, frames = self._heard.get(name, (now_ns, now_ns, 0))
         periods = (frames + check.lost) * (now_ns - newest_ns) / max(newest_ns - since_ns, 1)
         is_older = (counter - check.counter) % COUNTERS >= HALF
-        if frames > _SURE and periods > (0.5 * HALF if is_older else HALF):
+        if frames > RULE.resync_run and periods > (0.5 * HALF if is_older else HALF):
             # The counter may have gone through whole turns: any is newer, and skips none.
             self._lost[name] += check.lost
             check = self._checks[name] = CounterCheck(RULE)

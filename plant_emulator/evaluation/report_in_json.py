@@ -6,7 +6,7 @@ from typing import Any
 
 from ..network.latency_line import LatencyLine
 from .run_record import RunningFigures
-from .run_verdict import VerdictRules, driven_end, judge
+from .run_verdict import RANGE_M, RunEnd, VerdictRules, judge
 
 
 def motion_report(
@@ -37,7 +37,8 @@ def motion_report(
     held, peaks_m = figures.held, figures.peaks_m
     samples, outside = held.samples, figures.outside
     newest = list(figures.newest_m), list(figures.newest_wheel_rad)
-    end = driven_end(samples * is_driven, held.preview_peak_m)
+    end = RunEnd.LEFT_RANGE if held.preview_peak_m > RANGE_M else RunEnd.COMPLETE
+    end = end if samples and is_driven else RunEnd.NO_START
     judged = judge(rules, *newest, end, noise_m, peaks_m, period_s, samples)
     is_cg_known = not math.isnan(held.rms_m)
     return {

@@ -119,13 +119,6 @@ def end_of(end: RunEnd, duration_s: float) -> RunEnd:
     return RunEnd.TOO_SHORT if end is RunEnd.COMPLETE and duration_s < SHORTEST_RUN_S else end
 
 
-def driven_end(samples: int, peak_m: float) -> RunEnd:
-    """Return how a run ended by its samples and its peak; ``end_of`` adds if it was too short."""
-    if peak_m > RANGE_M:
-        return RunEnd.LEFT_RANGE
-    return RunEnd.COMPLETE if samples else RunEnd.NO_START
-
-
 class VerdictRules(Settings):
     """``[verdict]``: the point that is judged, and thresholds, with their defaults."""
 

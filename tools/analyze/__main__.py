@@ -167,7 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "files",
         nargs="+",
-        type=_log,
+        type=lambda text: Path("/dev/stdin" if text == "-" else text),
         metavar="FILE",
         help="a recording, or what candump prints (-)",
     )
@@ -189,10 +189,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_json_argument(parser)
     add_fail_if_argument(parser, QUANTITIES)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
-
-
-def _log(text: str) -> Path:
-    return Path("/dev/stdin" if text == "-" else text)
 
 
 def _run(options: argparse.Namespace) -> int:

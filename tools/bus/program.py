@@ -48,8 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> ExitStatus:
     settings = bus_settings(options)
     traffic = _traffic(settings, options.seed)
-    given = options.address
-    address = default_address() if given is None else parse_address(given)
+    address = default_address() if options.address is None else parse_address(options.address)
     with listening(address) as listener:
         _serve(listener, address, options, settings.bitrate_bit_s, traffic)
     return ExitStatus.OK

@@ -67,6 +67,7 @@ from steer_by_wire.runtime.program.node_options import settings_file
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import show_or_write, write_json
 from steer_by_wire.runtime.settings import (
+    Preset,
     Settings,
     SettingsError,
     load_settings,
@@ -119,12 +120,13 @@ def of_side(given: Sequence[tuple[str, str]], side: str) -> list[str]:
     return [text for whose, text in given if whose == side]
 
 
-def preset_name(options: argparse.Namespace, side: str) -> str | None:
+def _preset_of(options: argparse.Namespace, side: str, default: str | None = None) -> Preset | None:
     """Return the preset of one side, if any; raises SettingsError for two."""
     names = of_side(options.preset, side)
     if len(names) > 1:
         raise SettingsError(f"--preset: {' and '.join(names)} are both of the {side}")
-    return names[0] if names else None
+    name = names[0] if names else default
+    return read_preset(_PACKAGES[side], name) if name else None
 
 
 def _names() -> list[str]:
@@ -263,8 +265,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _plant_settings(options: argparse.Namespace, language: BusLanguage) -> PlantSettings:
-    name = preset_name(options, PLANT_SIDE)
-    preset = read_preset(PLANT_PRESETS, name) if name else None
+    preset = _preset_of(options, PLANT_SIDE)
     short = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
     vehicle, own = plant_vehicle(options.vehicle), of_side(options.overrides, PLANT_SIDE)
@@ -279,8 +280,7 @@ def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
         _refuse_beside_command(options, words)
         return words
     default = None if options.controller else CONTROLLER_PRESET
-    name = preset_name(options, CONTROLLER_SIDE) or default
-    preset = read_preset(CONTROLLER_PRESETS, name) if name else None
+    preset = _preset_of(options, CONTROLLER_SIDE, default)
     overrides = of_side(options.overrides, CONTROLLER_SIDE)
     overrides += [] if options.law is None else [f"law={options.law}"]
     vehicle = nominal_vehicle(options.vehicle)
