@@ -6,6 +6,7 @@ from typing import Any
 from ...closed_loop.recordings.log_analysis import SIGNALS
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from ...plant_emulator.evaluation.report_in_words import verdict_text
+from ...runtime.program.report import causes_line
 
 LATENCY_ROWS = {
     "reported_downlink": "commands, latency, as the plant reports it",
@@ -140,7 +141,12 @@ def _messages(figures: Mapping[str, Any]) -> Section:
 
 def _refused(figures: Mapping[str, Any]) -> Section:
     rows = [
-        (Cell(name), number(str(m["missing"])), number(str(m["late"])), Cell(_counts(m["refused"])))
+        (
+            Cell(name),
+            number(str(m["missing"])),
+            number(str(m["late"])),
+            Cell(causes_line(m["refused"]) or "0"),
+        )
         for name, m in figures["messages"].items()
         if m["accepted"] or m["refused"]
     ]
@@ -172,10 +178,6 @@ def _sensor_period(latency: Mapping[str, Any]) -> str:
         return "-"
     period_ms, error_ms = (1e3 * latency[f"sensor_period_{key}"] for key in ("s", "error_s"))
     return f"{period_ms:.4f} ± {1.96 * error_ms:.4f} ms"
-
-
-def _counts(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{cause} {count}" for cause, count in counts.items()) or "0"
 
 
 def _rows(rows: Iterable[Sequence[str]]) -> list[list[Cell]]:
