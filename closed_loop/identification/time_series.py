@@ -137,19 +137,25 @@ def without_repeats(channel: Channel) -> tuple[Channel, float]:
     """Return the samples of a sensor that is slower than its rows, and its period; 0 if it is not.
 
     A value that has not changed for several periods was sampled in each of them. Where the rows
-    are a multiple of the period, the time before each row is the same, but unknown.
+    are a multiple of the period, the time before each row is the same, but unknown. A value whose
+    row before is missing may have been sampled in that: it is left out.
     """
     time_s, values = channel.time_s, channel.values
     firsts = np.flatnonzero(np.diff(values)) + 1
-    rows = np.diff(firsts)
+    if len(firsts) <= _SAMPLES_MIN:
+        return channel, 0.0
+    is_first = np.diff(time_s)[firsts - 1] < 1.5 * channel.period_s
+    rows = np.round(np.diff(time_s[firsts]) / channel.period_s)
     far = np.abs(np.diff(values))[firsts[1:] - 1] >= _FAR_QUANTA * channel.quantum
+    far &= is_first[:-1] & is_first[1:]
     if far.sum() < _SAMPLES_MIN or np.mean(rows[far] > 1) < _HELD_SHARE:
         return channel, 0.0
     usual = rows[far]
-    period = float(np.mean(usual[usual < 1.5 * np.median(usual)]))
+    period = float(np.mean(usual[usual <= 1.5 * np.median(usual)]))
     counts = np.maximum(np.round(np.diff(firsts, append=len(values)) / period), 1.0).astype(int)
     numbers = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     at = np.repeat(firsts, counts) + np.ceil(numbers * period).astype(int)
+    at = at[np.repeat(is_first, counts)]
     at = np.unique(np.minimum(at, len(values) - 1))
     phases = Fraction(period).limit_denominator(5).denominator
     unsure_s = channel.period_s / sqrt(12.0) / phases

@@ -69,16 +69,17 @@ def test_jitter_and_losses_leave_even_times(share_lost) -> None:
     assert np.std(even.time_s - TIME_S[there]) < 5e-4
 
 
-@pytest.mark.parametrize(("period_s", "phases"), [(0.05, 1), (0.025, 2)])
-def test_rows_that_repeat_a_sample_are_none_of_their_own(period_s, phases) -> None:
-    sensed_s = np.floor(TIME_S / period_s + 1e-9) * period_s
-    wave = np.round(np.sin(2.0 * np.pi * sensed_s), 3)
-    kept, found_s = without_repeats(channel(Quantity.YAW_RATE, wave))
+@pytest.mark.parametrize(("period_s", "phases", "lost"), [(0.05, 1, 0.0), (0.025, 2, 0.1)])
+def test_rows_that_repeat_a_sample_are_none_of_their_own(period_s, phases, lost) -> None:
+    time_s = TIME_S[np.random.default_rng(1).uniform(size=len(TIME_S)) >= lost]
+    sensed_s = np.floor(time_s / period_s + 1e-9) * period_s
+    wave = channel(Quantity.YAW_RATE, np.round(np.sin(2.0 * np.pi * sensed_s), 3), time_s)
+    kept, found_s = without_repeats(wave)
     assert found_s == pytest.approx(period_s, rel=0.01)
     assert kept.unsure_s == pytest.approx(0.01 / np.sqrt(12.0) / phases)
-    late_s = kept.time_s - sensed_s[np.searchsorted(TIME_S, kept.time_s)]
+    late_s = kept.time_s - sensed_s[np.searchsorted(time_s, kept.time_s)]
     assert late_s.max() < 0.01
-    drive = make_drive([*channels()[:2], channel(Quantity.YAW_RATE, wave)], "log")
+    drive = make_drive([*channels()[:2], wave], "log")
     assert f"a sample in {1e3 * period_s:.0f} ms" in drive.notes[0]
 
 
