@@ -23,7 +23,7 @@ class MessageCounts(NamedTuple):
 
     ``accepted``  intact, within range, newer than all before
     ``missing``   counters that the accepted frames skip; a late frame was skipped before it came,
-                  so it is counted here too. A silence of 128 cycles or more skips none
+                  so it is counted here too
     ``late``      older than the newest
     ``refused``   all others, by cause
     """

@@ -136,6 +136,7 @@ def _load_numba() -> None:
 
     A step that multiplies matrices loads it when it is compiled. Loops of vectors take two at once:
     a car's step is so long that a processor would not find the next one to fill its waits with.
+    LLVM then does so for all that this process compiles.
     """
     import_module("llvmlite.binding").set_option("", "-force-vector-interleave=2")
     loads_scipy, _linalg.ensure_blas = _linalg.ensure_blas, lambda: None

@@ -171,10 +171,11 @@ class BusListener:
         if check is None:
             return CounterResult.ACCEPTED
         since_ns, newest_ns, frames = self._heard.get(name, (now_ns, now_ns, 0))
-        periods = (frames + check.lost) * (now_ns - newest_ns) / max(newest_ns - since_ns, 1)
+        periods = (frames - 1 + check.lost) * (now_ns - newest_ns) / max(newest_ns - since_ns, 1)
         is_older = (counter - check.counter) % COUNTERS >= HALF
         if frames > RULE.resync_run and periods > (0.5 * HALF if is_older else HALF):
-            # The counter may have gone through whole turns: any is newer, and skips none.
+            # The counter may have gone through whole turns, or begun again: any is newer, and skips
+            # none. So is an older one after a quarter turn, which no late frame takes.
             self._lost[name] += check.lost
             check = self._checks[name] = CounterCheck(RULE)
             since_ns, frames = now_ns, 0

@@ -26,8 +26,8 @@ alternating direction method of multipliers (Boyd et al., Foundations and Trends
     U ← (H + σ CᵀC)⁻¹ (H U* + σ Cᵀ (w - v)),   w ← clip(C U + v),   v ← v + C U - w
 
 As many iterations every time; none, and U*, where that meets no limit. So σ follows the weights:
-the extreme eigenvalues of (CᵀC)⁻¹ H have it in their midst (Ghadimi et al., IEEE Transactions on
-Automatic Control 60, 2015).
+the geometric mean of the least and the largest eigenvalue of (CᵀC)⁻¹ H, which is best in the end
+(Ghadimi et al., IEEE Transactions on Automatic Control 60, 2015), times four.
 """
 
 from collections.abc import Callable, Sequence
@@ -64,7 +64,7 @@ WIDTH = 7 + STEPS
 """Numbers in z, and in each row of a table; shorter rows end with zeros."""
 ITERATIONS = 20
 _BEYOND = 4.0
-"""Sigma over the geometric mean of these eigenvalues; chosen, for the first command."""
+"""Sigma over that mean; chosen, for the first command after so few iterations."""
 _SQUARINGS = 4
 _RELAXATION = 1.6
 PENALTY = 0.01

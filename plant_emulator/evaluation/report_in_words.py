@@ -162,7 +162,7 @@ def _within(node: Report) -> str:
 
 _POINTS = {"preview": "preview point", "centre_of_gravity": "car", "rear_axle": "rear axle"}
 _REASONS: Mapping[Verdict, Callable[[Report], str]] = {
-    Verdict.NO_START: lambda _node: "no command ever reached the plant",
+    Verdict.NO_START: lambda _node: "no command ever reached the actuator",
     Verdict.TOO_SHORT: lambda _node: (
         f"a run of less than {SHORTEST_RUN_S:g} s shows nothing; let it last longer"
     ),

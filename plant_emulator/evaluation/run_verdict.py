@@ -2,7 +2,7 @@
 
 The first that applies:
 
-    no start      nothing ever arrived: no measurement, or no command
+    no start      no measurement reached the controller, or no command the actuator
     too short     the run lasted less than SHORTEST_RUN_S: nothing can be said of it
     left range    the error exceeded the range of LATERAL_ERROR (±83.88 m), or a car left its path
     left corridor the vehicle's body was beyond an edge of the corridor (``path.corridor``)

@@ -72,8 +72,8 @@ def _spreads(settings: PlantSettings) -> Iterator[str]:
     for way in ("downlink", "uplink"):
         latency: LatencySettings = getattr(settings.latency, way)
         if never_varies(latency):
-            lacks = "mean_s" if latency.spread_s else "spread_s"
-            yield f"latency.{way} never varied: model {latency.model} needs a {lacks} too"
+            lacks = " and ".join(key for key in ("mean_s", "spread_s") if not getattr(latency, key))
+            yield f"latency.{way} never varied: model {latency.model} needs {lacks} too"
 
 
 def never_varies(latency: LatencySettings) -> bool:

@@ -119,7 +119,7 @@ def read_preset(package: str, name: str) -> Preset:
         owners = [node.name for node in nodes if isfile(f"{node}/presets/{name}.toml")]
         has_it = f"the {owners[0].replace('_', ' ')} has it; " if owners else ""
         raise SettingsError(
-            f"preset {name}: there is none of this name ({has_it}{hint(name, names)})"
+            f"preset {name!r}: there is none of this name ({has_it}{hint(name, names)})"
         )
     file = resources.files(package) / f"{name}.toml"
     return Preset(name, file.read_text(encoding="utf-8"))

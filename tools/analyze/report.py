@@ -5,6 +5,7 @@ from typing import Any
 
 from ...closed_loop.recordings.log_analysis import SIGNALS
 from ...closed_loop.reports.page import Cell, Picture, Section, Table, number, page
+from ...dbc import messages
 from ...plant_emulator.evaluation.report_in_words import verdict_text
 from ...runtime.program.report import causes_line
 
@@ -167,10 +168,12 @@ def _refused(figures: Mapping[str, Any]) -> Section:
         ("times that run backwards", str(figures["times_backwards"])),
     ]
     heads = ("", "missing counters", "of them late", "refused, by cause")
+    ours = messages.MESSAGE_TYPES.keys() & figures["messages"].keys()
     unknown = (
         "What a silence of 128 cycles or more hides is not counted: a sender may restart in it."
     )
-    return Section("Lost and refused", tables=(Table(heads, rows), _pairs(facts)), notes=(unknown,))
+    notes = (unknown,) if ours else ()
+    return Section("Lost and refused", tables=(Table(heads, rows), _pairs(facts)), notes=notes)
 
 
 def _sensor_period(latency: Mapping[str, Any]) -> str:

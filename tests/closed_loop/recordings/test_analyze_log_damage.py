@@ -116,12 +116,13 @@ def test_a_file_without_a_frame_is_one_clear_line(
 # Loss, by cause
 
 
+@pytest.mark.parametrize("silent", [129, 150, 255, 256, 300])  # a turn has 256
 def test_frames_that_a_node_would_refuse_are_counted_by_cause(
-    constant: Run, tmp_path: Path
+    constant: Run, tmp_path: Path, silent: int
 ) -> None:
     entries = entries_in(constant.log)
     places = [i for i, entry in enumerate(entries) if is_of(entry, "LATERAL_ERROR")]
-    changed: dict[int, list[Logged]] = {at: [] for at in places[100:250]}  # a silence
+    changed: dict[int, list[Logged]] = {at: [] for at in places[100 : 100 + silent]}
     entry = entries[places[10]]
     changed[places[10]] = []  # lost
     broken = bytearray(entries[places[20]].frame.data)
@@ -129,10 +130,8 @@ def test_frames_that_a_node_would_refuse_are_counted_by_cause(
     changed[places[20]] = [entries[places[20]]._replace(frame=Frame(0x110, bytes(broken)))]
     changed[places[30]] = [entries[places[30]]] * 2  # twice
     changed[places[40]] = []  # overtaken by the next
-    changed[places[41]] = [
-        entries[places[41]],
-        entries[places[40]]._replace(time_ns=entries[places[41]].time_ns),
-    ]
+    before, after = entries[places[40]], entries[places[41]]
+    changed[places[41]] = [after, before._replace(time_ns=after.time_ns)]
     changed[places[50]] = [entry._replace(frame=Frame(0x110, b"\0"))]
     changed[places[60]] = [entry._replace(frame=Frame(0x55, b"\0"))] * 3
     path = write_log(

@@ -98,7 +98,7 @@ def test_a_spread_around_no_mean_and_a_model_without_one_are_said(model: str) ->
     keys = [f"latency.downlink.{key}" for key in (f"model={model}", "mean_s=1", "spread_s=1")]
     for left_out in ("mean_s", "spread_s"):
         (line,) = warnings_of(*(key for key in keys if left_out not in key))
-        assert line.endswith(f"never varied: model {model} needs a {left_out} too")
+        assert line.endswith(f"never varied: model {model} needs {left_out} too")
     assert warnings_of(*keys) == []
 
 

@@ -72,9 +72,9 @@ def test_the_default_limits_leave_half_the_grip_of_a_wet_road(road: str) -> None
 
 
 def test_a_bend_beyond_the_grip_is_held_by_slowing_down() -> None:
-    """A lane change at 1.7 of the grip, known 3 s ahead: at its speed the car spins."""
+    """A lane change at twice the grip, known 3 s ahead: at its speed the car spins."""
     plant = plant_of("μ 0.3, 100 km/h", 0.2)
-    plant["plant.path"] = {**plant["plant.path"], "length_m": 65.0}
+    plant["plant.path"] = {**plant["plant.path"], "length_m": 60.0}
     plant |= {
         "plant.path_ahead": {"reach_s": 3.0},
         "controller.predictor.lateral_acceleration_m_s2_max": 0.85 * 0.3 * 9.81,

@@ -34,7 +34,7 @@ def test_a_plant_that_nobody_commanded_says_so(tmp_path: Path, capsys: Capture) 
     assert plant_main([*alone, "--fail-if", "rms_m > 0.02"]) == ExitStatus.CONDITION
     printed = capsys.readouterr()
     assert printed.out.splitlines()[-1] == (
-        "steer-by-wire plant: verdict: no start: no command ever reached the plant"
+        "steer-by-wire plant: verdict: no start: no command ever reached the actuator"
     )
     assert "failed: rms_m > 0.02: rms_m has no value in this run" in printed.err
     assert json.loads(file.read_text(encoding="utf-8"))["node"]["verdict"] == "no start"

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.closed_loop.processes.parallel_work import WorkerEndedError, worker_pool
+from steer_by_wire.closed_loop.processes.parallel_work import worker_pool
+from steer_by_wire.runtime.exit_status import UserError
 from tests.support.programs.running_program import PATIENCE_S, wait_until
 
 PARENT = """
@@ -69,6 +70,6 @@ def test_workers_have_one_thread_each_and_the_environment_stays_as_it_was(
 
 
 def test_a_worker_that_is_killed_is_one_line_for_the_user() -> None:
-    ended = pytest.raises(WorkerEndedError, match=r"^a worker process was ended .*fewer workers")
+    ended = pytest.raises(UserError, match=r"^a worker process was ended .*fewer workers")
     with ended, worker_pool(1) as pool:
         pool.submit(os._exit, 1).result()

@@ -27,7 +27,7 @@ REFUSED = {
     "can response-times our.dbc our.dbc": "the same identifier",
     "can response-times our.dbc --period NOSUCH=1": "--period NOSUCH=1",
     "can response-times our.dbc --period LATENCY_CONFIG=0": "0.1 to 3600000",
-    "check --preset ''": "preset : there is none",
+    "check --preset ''": "preset '': there is none",
     "check --preset paper_nominal": "(the plant emulator has it; known: highway_mpc",
     "check law.toml ''": "unrecognized arguments: ",
     "controller --check --dialect none --key-file k": "--dialect takes no --key-file",

@@ -103,11 +103,11 @@ def test_every_scenario_has_settings_that_both_programs_accept() -> None:
 @pytest.mark.parametrize(
     ("values", "line"),
     [
-        ({"controllers": ["nosuch"]}, "preset nosuch: there is none of this name"),
+        ({"controllers": ["nosuch"]}, "preset 'nosuch': there is none of this name"),
         ({"controllers": []}, "the page: controllers"),
         ({"speed_km_h": 1000.0}, "the page: speed_km_h = 1000.0"),
         ({"path": "a ditch"}, "the page: path"),
-        ({"plant": "nosuch"}, "preset nosuch: there is none of this name"),
+        ({"plant": "nosuch"}, "preset 'nosuch': there is none of this name"),
         ({"downlink": {"loss": 2.0}}, "the page: downlink.loss = 2.0"),
         ({"nosuch": 1}, "the page: nosuch"),
     ],
