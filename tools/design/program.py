@@ -64,9 +64,8 @@ class Job(NamedTuple):
     basis: ControllerSettings | None = None
     basis_ended: bool = True
 
-    @property
-    def until_s(self) -> float:
-        """When a search that begins now ends, by the monotonic clock."""
+    def ends_at_s(self) -> float:
+        """Return when a search that begins now ends, by the monotonic clock."""
         return time.monotonic() + 60.0 * self.minutes
 
 
@@ -105,7 +104,7 @@ def run_job(job: Job) -> Outcome:
 
 def _linear_law(job: Job) -> Outcome:
     spec, vehicle, law = job.spec, job.vehicle, job.law
-    designed = design(spec, vehicle, law, job.until_s)
+    designed = design(spec, vehicle, law, job.ends_at_s())
     if isinstance(designed, Found):
         demands = designed.judgement.demands
         settings = controller_settings(spec, vehicle, law, designed.values)
@@ -129,7 +128,7 @@ def _linear_law(job: Job) -> Outcome:
 def _predictor(job: Job) -> Outcome:
     spec, vehicle, law, basis = job.spec, job.vehicle, job.law, required(job.basis)
     if law == PREDICTOR:
-        design = design_predictor(spec, vehicle, basis, job.until_s)
+        design = design_predictor(spec, vehicle, basis, job.ends_at_s())
     elif basis.estimator.actuator_dead_time_s:
         error = f"{law}: no design; a plan cannot allow for the dead time of the steering"
         return Outcome((), (), unmet_text(law, basis, (), job.sources), error)

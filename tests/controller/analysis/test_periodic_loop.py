@@ -119,10 +119,8 @@ def test_the_predictor_is_stable_over_the_box_at_every_delay_to_600_ms(corner: s
 
 @pytest.mark.parametrize("delay_ns", [0, 83_700_000])
 def test_noise_makes_the_steer_as_restless_as_a_run_shows(delay_ns: int) -> None:
-    vehicle, noise_m = (
-        preset_vehicle("paper_nominal"),
-        0.004,
-    )  # more meets the rate limit
+    vehicle = preset_vehicle("paper_nominal")
+    noise_m = 0.004  # more meets the rate limit
     expected_rad = noise_m * loop_of(PREDICTOR, vehicle).noise_gain_rad_m(delay_ns)
     done = run(PREDICTOR, vehicle, 0.0, delay_ns, f"sensor_noise.lateral_error_m={noise_m}")
     steer_rad = done.sent_rad[done.tick_s > 5.0]
