@@ -37,7 +37,7 @@ from ..dbc.messages import (
 from ..dbc.messages import Hands as HandsSeen
 from ..dbc.reception import Reception
 from ..runtime.frame import Frame
-from ..runtime.node import NS_PER_S, View
+from ..runtime.node import NEVER_NS, NS_PER_S, View
 from ..runtime.node.overruns import OverrunSupervision, overrun_rule
 from ..runtime.node.periodic import PeriodicTimer
 from ..runtime.node.statistics import DurationStatistics
@@ -122,12 +122,12 @@ class HandWheelNode:
         self._unauthenticated = 0
         self._wheel_params, self._wheel = settings.wheel_params, AT_REST
         self._cycle = CYCLE_AT_REST
+        self._mode = FeedbackMode(Mode.WAITING, start_ns)
         self._choose_law()
         self._kicks, self._let_go_ns = settings.kicks, settings.let_go_ns
         reaction = max(self.cycle_params.driver.two_point.reaction, 1)
         self._wishes_rad = deque([0.0] * reaction, reaction)
         self._orders = self._reception.newest(HandWheelFeedback)
-        self._mode = FeedbackMode(Mode.WAITING, start_ns)
         self._ordered_n_m = self._rack_force_n = self._wheel_rad = 0.0
         self._ratio, self._steered_by = settings.steering_ratio, SteeredBy.DRIVER
         model = settings.nominal_model
@@ -176,6 +176,9 @@ class HandWheelNode:
         self.cycle_params = self._settings.cycle_params
         self._mode_params = self._settings.mode_params
         self._reads = FEEDBACK_LAWS[self._settings.feedback.law].reads
+        # What this law reads may have come while another, which does not read it, was in use.
+        heard_ns = None if self._reads is None else self._reception.newest(self._reads).arrival_ns
+        self._mode = self._mode._replace(heard_ns=-NEVER_NS if heard_ns is None else heard_ns)
 
     def on_unauthenticated(self) -> None:
         """Count a frame that was refused before the node."""

@@ -28,7 +28,6 @@ MS_NS = 1_000_000
 START_NS = 5_000_011
 FORCE_N = -100.0
 """To the right, as in a left turn."""
-OTHER = message_with(HandWheelState, hand_wheel_angle_rad=1.0)
 
 
 class Road:
@@ -65,10 +64,6 @@ class Road:
     def status(self) -> HandWheelStatus:
         return self.last(HandWheelStatus)
 
-    @property
-    def state(self) -> HandWheelState:
-        return self.last(HandWheelState)
-
 
 def force(newtons: float = FORCE_N) -> SteeringForce:
     return message_with(SteeringForce, rack_force_n=newtons)
@@ -96,8 +91,9 @@ def test_the_driver_holds_against_the_roads_torque() -> None:
     assert road.status.mode is Mode.ACTIVE
     torque = road.settings.feedback_params.force_n_m_n * FORCE_N
     assert road.status.applied_torque_n_m == pytest.approx(torque, abs=0.02)
-    assert road.state.driver_torque_n_m == pytest.approx(-torque, abs=0.02)
-    assert road.state.hand_wheel_angle_rad == pytest.approx(torque / 5.0, abs=1e-3)  # light grip
+    state = road.last(HandWheelState)
+    assert state.driver_torque_n_m == pytest.approx(-torque, abs=0.02)
+    assert state.hand_wheel_angle_rad == pytest.approx(torque / 5.0, abs=1e-3)  # light grip
 
 
 def test_a_silent_road_is_held_and_fades_into_local_damping() -> None:
@@ -121,6 +117,15 @@ def test_a_silent_road_is_held_and_fades_into_local_damping() -> None:
     assert road.status.applied_torque_n_m == pytest.approx(felt, abs=0.02)
 
 
+def test_a_law_chosen_later_knows_when_its_road_was_heard() -> None:
+    road = Road(feedback={"law": "model"})
+    road.run(100, force())
+    for law, mode in {"rack_force": "active", "spring": "holding"}.items():
+        road.node.feel({"law": law})
+        road.run(5)
+        assert road.node.report()["mode"] == mode
+
+
 def test_damaged_and_repeated_frames_are_refused_and_counted() -> None:
     road = Road()
     road.run(100, force())
@@ -137,7 +142,7 @@ def test_damaged_and_repeated_frames_are_refused_and_counted() -> None:
 def test_another_hand_wheel_on_the_bus_is_reported() -> None:
     road = Road()
     road.run(200, force())
-    road.node.on_frame(encode(OTHER, 77), road.now_ns)
+    road.node.on_frame(encode(message_with(HandWheelState), 77), road.now_ns)
     road.run(100, force())
     assert road.status.second_sender is SecondSender.OWN
     assert road.node.report()["second_senders"] == ["HAND_WHEEL_STATE"]
@@ -147,7 +152,8 @@ def test_while_the_law_steers_the_wheel_follows_the_road_wheels() -> None:
     road = Road(driver={"grip": "hands_off"})
     status = message_with(SteeringStatus, wheel_angle_rad=0.05, status=SteeringStatusCode.APPLYING)
     road.run(2000, force(), status, orders(SteeredBy.LAW))
-    assert road.state.hand_wheel_angle_rad == pytest.approx(16.0 * 0.05, abs=0.05)
+    angle = road.last(HandWheelState).hand_wheel_angle_rad
+    assert angle == pytest.approx(16.0 * 0.05, abs=0.05)
     # Without a controller the driver steers again, and feels the road.
     road.run(1500, force(), status)
     assert road.node.report()["steered_by"] == "driver"
@@ -171,8 +177,6 @@ def test_a_wheel_too_slow_for_its_cycle_fades_out_and_ends() -> None:
         road.now_ns += 12 * MS_NS
         road.receive(force())
         road.node.on_tick(road.now_ns)
-        if road.node.finished:
-            break
     report = road.node.report()
     assert road.node.finished
     assert "overran" in report["failure"]
