@@ -178,12 +178,14 @@ def joined(drives: Sequence[Sequence[Channel]]) -> list[Channel]:
     """Return the channels of several drives, one after the other in time."""
     whole, end_s = dict[str, Channel](), 0.0
     for drive in drives:
-        shift_s = end_s - min(float(one.time_s[0]) for one in drive if len(one.time_s))
+        starts_s = (float(one.time_s[0]) for one in drive if len(one.time_s))
+        shift_s = end_s - min(starts_s, default=0.0)
         for one in drive:
             before = whole.get(one.name, one._replace(time_s=np.empty(0), values=np.empty(0)))
             whole[one.name] = before._replace(
                 time_s=np.append(before.time_s, one.time_s + shift_s),
                 values=np.append(before.values, one.values),
             )
-        end_s = PAUSE_S + max(float(one.time_s[-1]) for one in whole.values() if len(one.time_s))
+        ends_s = (float(one.time_s[-1]) for one in whole.values() if len(one.time_s))
+        end_s = PAUSE_S + max(ends_s, default=0.0)
     return list(whole.values())

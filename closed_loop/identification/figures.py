@@ -159,7 +159,7 @@ def figures_of(found: Fit, progress: Progress | None, others: Sequence[Fit] = ()
         near = [(value, value) for value in _alike(found, one, tried)]
         whole = [ends[one.kind.name], *near, *(_linear(other, one.kind).ends for other in others)]
         low, high = min(low for low, _ in whole), max(high for _, high in whole)
-        ends[one.kind.name] = max(low, 0.0) if one.kind.unit in _POSITIVE else low, high
+        ends[one.kind.name] = (max(low, 0.0) if one.kind.unit in _POSITIVE else low), high
     wide = [it.kind.name for it in linear if not _is_narrow(ends[it.kind.name], it.kind.enough)]
     ends |= zip(DELAYS, compatible(*map(ends.__getitem__, DELAYS)), strict=True)
     values = figure_values(found.values)

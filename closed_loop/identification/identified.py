@@ -35,6 +35,14 @@ _RATIO_MIN, _RATIO_MAX = 3.0, 40.0
 """Of steering ratios, karts and lorries included; chosen."""
 
 
+class Doubt(NamedTuple):
+    """A test of the errors, or of a simpler model, which tells something however it ends."""
+
+    what: str
+    result: str
+    is_passed: bool
+
+
 class Identification(NamedTuple):
     """What a drive tells of a car."""
 
@@ -128,9 +136,9 @@ def _of_rates(drive: Drive) -> Drive:
     return drive._replace(outputs=rates)
 
 
-def doubts_about(found: Fit, progress: Progress = quiet) -> dict[str, str]:
-    """Return tests of a fit, and how they ended: simpler models, whiteness, correlation."""
-    doubts, sought = dict[str, str](), [one.name for one in found.problem.parameters]
+def doubts_about(found: Fit, progress: Progress = quiet) -> list[Doubt]:
+    """Return the tests of a fit: simpler models, whiteness, correlation with the steering."""
+    doubts, sought = list[Doubt](), [one.name for one in found.problem.parameters]
     widened = np.diagonal(found.covariance) / np.diagonal(found.plain)
     allowed = found.critical**2 * max(1.0, float(np.median(widened[: len(sought)])))
     rate, errors = found.grid.judged[0], found.errors[0]
@@ -148,10 +156,10 @@ def doubts_about(found: Fit, progress: Progress = quiet) -> dict[str, str]:
         verdict = "refused" if simpler.cost - found.cost > allowed else "not refused"
         percent = found.residual_percent * rms(simpler.errors[0]) / rms(errors)
         result = f"residual {percent:.2f} % instead of {found.residual_percent:.2f} %"
-        doubts[f"{what}: {verdict}"] = result
+        doubts.append(Doubt(f"{what}: {verdict}", result, True))
     alike, white = max(map(samples_alike, found.errors)), all(map(is_white, found.errors))
     what = "errors are white" if white else "errors are not white: intervals are widened for it"
-    doubts[what] = f"{alike:.1f} errors in a row tell as much as one"
+    doubts.append(Doubt(what, f"{alike:.1f} errors in a row tell as much as one", white))
     steering = np.interp(rate.time_s, found.grid.time_s, found.grid.steering_rad)
     largest = _cross_correlation(errors, steering)
     bound = min(3.0 * float(np.sqrt(alike / len(errors))), 0.5)
@@ -160,7 +168,8 @@ def doubts_about(found: Fit, progress: Progress = quiet) -> dict[str, str]:
         if largest < bound
         else "errors correlate with the steering: the model lacks something"
     )
-    return doubts | {what: f"at most {largest:.2f} within 1 s, chance below {bound:.2f}"}
+    result = f"at most {largest:.2f} within 1 s, chance below {bound:.2f}"
+    return [*doubts, Doubt(what, result, largest < bound)]
 
 
 def _cross_correlation(errors: FloatArray, steering: FloatArray) -> float:

@@ -210,7 +210,10 @@ def _ratio_from_turning(drive: Drive, wheelbase_m: float) -> float:
 
 
 def car_tables(values: Mapping[str, float], known: Known) -> tuple[VehicleSettings, CarSettings]:
-    """Return the tables [vehicle] and [car] of a set of parameters; the drag is a usual car's."""
+    """Return the tables [vehicle] and [car] of a set of parameters.
+
+    The drag is a usual car's for its mass, and the rolling resistance the default.
+    """
     mass_kg, wheelbase_m = known.mass_kg or MASS_KG, values["wheelbase_m"]
     front_m = values["front_share"] * wheelbase_m
     rear_m = wheelbase_m - front_m

@@ -99,8 +99,14 @@ def grid_of(drive: Drive) -> Grid:
 def coarse(grid: Grid) -> Grid:
     """Return a grid of wider steps, on which a search comes near to the end sooner."""
     step_s, starts = _COARSE * grid.step_s, -(-grid.starts // _COARSE)
-    inputs = (one[..., ::_COARSE].copy() for one in grid[4:])
-    return Grid(grid.judged, step_s, starts, grid.first_yaw_rates_rad_s, *inputs)
+    at = np.arange(0, len(grid.time_s), _COARSE)
+    wide = Grid(
+        grid.judged, step_s, starts, grid.first_yaw_rates_rad_s, *(one[..., at] for one in grid[4:])
+    )
+    next_starts = grid.starts[np.searchsorted(grid.starts, at, side="right")]
+    ends = np.minimum(at + _COARSE, next_starts) - 1
+    steering = {"steering_rad": grid.steering_rad[ends], "unresolved": grid.unresolved[..., ends]}
+    return wide._replace(**steering)
 
 
 class Response(NamedTuple):

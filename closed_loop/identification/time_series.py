@@ -145,18 +145,19 @@ def without_repeats(channel: Channel) -> tuple[Channel, float]:
     if len(firsts) <= _SAMPLES_MIN:
         return channel, 0.0
     is_first = np.diff(time_s)[firsts - 1] < 1.5 * channel.period_s
-    rows = np.round(np.diff(time_s[firsts]) / channel.period_s)
+    held_s = np.diff(time_s[firsts], append=time_s[-1] + channel.period_s)
+    rows = np.round(held_s / channel.period_s)
     far = np.abs(np.diff(values))[firsts[1:] - 1] >= _FAR_QUANTA * channel.quantum
     far &= is_first[:-1] & is_first[1:]
-    if far.sum() < _SAMPLES_MIN or np.mean(rows[far] > 1) < _HELD_SHARE:
+    if far.sum() < _SAMPLES_MIN or np.mean(rows[:-1][far] > 1) < _HELD_SHARE:
         return channel, 0.0
-    usual = rows[far]
+    usual = rows[:-1][far]
     period = float(np.mean(usual[usual <= 1.5 * np.median(usual)]))
-    counts = np.maximum(np.round(np.diff(firsts, append=len(values)) / period), 1.0).astype(int)
-    numbers = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    at = np.repeat(firsts, counts) + np.ceil(numbers * period).astype(int)
-    at = at[np.repeat(is_first, counts)]
-    at = np.unique(np.minimum(at, len(values) - 1))
+    counts = np.maximum(np.round(rows / period), 1.0)
+    own = np.repeat(np.arange(len(firsts)), np.diff(firsts, append=len(values)))
+    since = np.round((time_s[firsts[0] :] - time_s[firsts[own]]) / channel.period_s)
+    is_sample = is_first[own] & (since % period < 1.0) & (since // period < counts[own])
+    at = firsts[0] + np.flatnonzero(is_sample)
     phases = Fraction(period).limit_denominator(5).denominator
     unsure_s = channel.period_s / sqrt(12.0) / phases
     kept = channel._replace(time_s=time_s[at], values=values[at], unsure_s=unsure_s)

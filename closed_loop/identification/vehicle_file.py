@@ -26,7 +26,10 @@ _BOX = {
     "yaw_inertia_per_mass_m2": "yaw_inertia_kg_m2",
 }
 """Figures whose intervals are the bounds of a design."""
-_CAR = ("friction", "cg_height_m", "front_relaxation_m", "rear_relaxation_m", "drive_front")
+_CAR = (
+    "friction", "cg_height_m", "front_relaxation_m", "rear_relaxation_m", "drive_front",
+    "drag_n_s2_m2",
+)  # fmt: skip
 
 
 class IdentifiedSettings(Settings):

@@ -1,6 +1,6 @@
 """The swing that a hand wheel's friction holds: ``friction_threshold`` against runs.
 
-    python -m tests.searches.friction_holds
+    python -m tests.searches.friction_holds [LOOPS [FIRST]]
 
 Each loop is one of ``feedback_boundaries`` with a drawn torque gradient and friction, for which a
 swing is computed. The kick between a run that ends still and one that shakes is bisected. Both then
@@ -8,7 +8,6 @@ swing alike, until one dies down and the other grows: their swing at that time i
 Prints every loop, and quantiles of real over computed with 95 % of their bootstrap.
 """
 
-import argparse
 import sys
 from collections.abc import Iterator
 from itertools import count, islice
@@ -77,12 +76,9 @@ def real_swing_rad(held: Held) -> float | None:
 
 
 def main(arguments: list[str]) -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--count", type=int, default=120)
-    options = parser.parse_args(arguments)
+    loops, first = map(int, [*arguments, *("120", "0")[len(arguments) :]])
     ratios = []
-    for number, held in islice(held_loops(options.first), options.count):
+    for number, held in islice(held_loops(first), loops):
         real_rad, computed_rad = real_swing_rad(held), held.computed.amplitude_rad
         ratios += [] if real_rad is None else [real_rad / computed_rad]
         sys.stdout.write(

@@ -1,6 +1,6 @@
 """Short logs of our own runs, identified: how often each interval holds the plant's parameter.
 
-    python -m tests.searches.short_logs 0 35 short_logs.jsonl
+    python -m tests.searches.short_logs [FIRST COUNT FILE]
 
 A run in virtual time is of a drawn preset with a car, controller, path, speed and network, and
 lasts 10 to 40 s. Every second one has noise on its yaw rate; of every third the car's mass,
@@ -71,4 +71,4 @@ def one_log(seed: int) -> Row:
 
 
 if __name__ == "__main__":
-    search(one_log, table)
+    search(one_log, table, "0", "40", "short_logs.jsonl")

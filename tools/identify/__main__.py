@@ -111,7 +111,8 @@ def _run(options: argparse.Namespace) -> int:
             source = ", ".join(log.name for log in options.logs)
             between = (options.start_s or -inf, options.end_s or inf)
             chosen = [one.within([between], 0.0) for one in channels]
-            if not any(len(one.time_s) for one in chosen):
+            is_part = options.start_s is not None or options.end_s is not None
+            if is_part and not any(len(one.time_s) for one in chosen):
                 raise SettingsError(f"{source}: has no sample between --from and --to")
             drive, steering = make_drive(chosen, source), steering_of(chosen)
         except KeyboardInterrupt:
@@ -169,7 +170,7 @@ def _identified(
             for one in found.figures
         },
         "residual_percent": found.fit.residual_percent,
-        "tests": doubts,
+        "tests": [one._asdict() for one in doubts],
         "notes": found.notes,
         "delays": advice,
     }  # fmt: skip
@@ -181,7 +182,7 @@ def _identified(
     return [
         *map("note: {}".format, found.notes),
         *map(figure_line, found.figures),
-        *map("{0[0]}: {0[1]}".format, doubts.items()),
+        *map("{0.what}: {0.result}".format, doubts),
         f"residual of yaw rate: {found.fit.residual_percent:.2f} %",
         *advice,
         f"files in {options.out}: {', '.join(files)}",

@@ -1,14 +1,14 @@
 """The page of ``steer-by-wire identify``: pictures, intervals, and what to drive next."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 from scipy.signal import coherence, csd
 
 from steer_by_wire.closed_loop.identification.figures import Verdict
-from steer_by_wire.closed_loop.identification.identified import Identification
+from steer_by_wire.closed_loop.identification.identified import Doubt, Identification
 from steer_by_wire.closed_loop.identification.response import STEP_S, Response, respond, seen
 from steer_by_wire.closed_loop.identification.time_series import Quantity
 from steer_by_wire.closed_loop.identification.vehicle_file import shown
@@ -22,10 +22,10 @@ _PERIOD_S, _WINDOW_S, _HZ_MAX, _COHERENT = 0.01, 8.0, 4.0, 0.8
 
 
 def report_html(
-    source: str, found: Identification, doubts: Mapping[str, str], lines: Sequence[str]
+    source: str, found: Identification, doubts: Sequence[Doubt], lines: Sequence[str]
 ) -> str:
     """Return the page; ``lines`` are what is said of delays and of what to measure next."""
-    tests = [[Cell(what), Cell(result)] for what, result in doubts.items()]
+    tests = [[Cell(one.what), Cell(one.result)] for one in doubts]
     rows = [
         [Cell(one.name), *map(number, shown(one)), Cell(one.unit),
          Cell(str(one.verdict), _MARKS[one.verdict]), Cell(one.note)]

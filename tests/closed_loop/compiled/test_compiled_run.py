@@ -13,9 +13,7 @@ from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.compiled.law_code import step_at
 from steer_by_wire.closed_loop.compiled.loop import run_segment
 from steer_by_wire.closed_loop.compiled.schedule import NothingArrivesError, schedule_run
-from steer_by_wire.closed_loop.compiled.step_functions import (
-    step_functions,
-)
+from steer_by_wire.closed_loop.compiled.step_functions import step_functions
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import Mode

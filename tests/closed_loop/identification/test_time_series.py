@@ -69,9 +69,11 @@ def test_jitter_and_losses_leave_even_times(share_lost) -> None:
     assert np.std(even.time_s - TIME_S[there]) < 5e-4
 
 
-@pytest.mark.parametrize(("period_s", "phases", "lost"), [(0.05, 1, 0.0), (0.025, 2, 0.1)])
+@pytest.mark.parametrize(("period_s", "phases"), [(0.05, 1), (0.025, 2)])
+@pytest.mark.parametrize("lost", [0.0, 0.1])
 def test_rows_that_repeat_a_sample_are_none_of_their_own(period_s, phases, lost) -> None:
-    time_s = TIME_S[np.random.default_rng(1).uniform(size=len(TIME_S)) >= lost]
+    there = np.random.default_rng(1).uniform(size=len(TIME_S)) >= lost
+    time_s = TIME_S[there & (TIME_S // 1.0 != 15.0)]
     sensed_s = np.floor(time_s / period_s + 1e-9) * period_s
     wave = channel(Quantity.YAW_RATE, np.round(np.sin(2.0 * np.pi * sensed_s), 3), time_s)
     kept, found_s = without_repeats(wave)

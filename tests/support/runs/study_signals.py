@@ -5,11 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steer_by_wire.closed_loop.studies.compiled_figures import (
-    Figures,
-    figures_of,
-    verdicts,
-)
+from steer_by_wire.closed_loop.studies.compiled_figures import Figures, figures_of, verdicts
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.evaluation.run_verdict import (
     RUN_ENDS,

@@ -8,12 +8,7 @@ import pytest
 from steer_by_wire.closed_loop.recordings.bus_listener import BusListener
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.dbc.messages import (
-    CAN_IDS,
-    ControllerSafety,
-    PlantStatus,
-    SteeringCommand,
-)
+from steer_by_wire.dbc.messages import CAN_IDS, ControllerSafety, PlantStatus, SteeringCommand
 from steer_by_wire.dbc.secoc.authenticated_node import AuthenticatedNode
 from steer_by_wire.dbc.secoc.authentication import Authentication
 from steer_by_wire.dbc.secoc.secured_frame import Refused, plain

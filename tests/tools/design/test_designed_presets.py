@@ -11,11 +11,7 @@ from steer_by_wire.controller.settings import ControllerSettings, controller_pre
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.design.demands import Study, judge_law, make_study
 from steer_by_wire.tools.design.law_design import describe
-from steer_by_wire.tools.design.predictor_design import (
-    Task,
-    describe_predictor,
-    predictor_demands,
-)
+from steer_by_wire.tools.design.predictor_design import Task, describe_predictor, predictor_demands
 from steer_by_wire.tools.design.report import predictor_figures, preset_text
 from steer_by_wire.tools.design.road import on_road
 from steer_by_wire.tools.design.search.evolution import Values

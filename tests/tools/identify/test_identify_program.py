@@ -50,6 +50,7 @@ def test_a_drive_becomes_a_vehicle_that_predicts_it(log, tmp_path, capsys) -> No
     tables = tomllib.loads((out / "vehicle.toml").read_text())
     assert vehicle.yaw_inertia_kg_m2 == tables["vehicle"]["yaw_inertia_kg_m2"]
     report = json.loads((out / "report.json").read_text())
+    assert all(test["is_passed"] for test in report["tests"])
     assert report["residual_percent"] == pytest.approx(residual, abs=0.01)
     assert main([str(log), "--from", "5", "--predict", str(out / "vehicle.toml")]) == 0
     predicted = float(re.search(r"residual of yaw rate: (\S+) %", capsys.readouterr().out)[1])
@@ -86,7 +87,8 @@ def test_an_interrupt_keeps_what_is_known_so_far(log, tmp_path, capsys, monkeypa
 
 
 def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
-    renamed = log.read_text().replace("hand_wheel_rad", "SteerAngle", 1)
+    _, plain, _ = read_columns(log)
+    renamed = log.read_text().replace("hand_wheel_rad,speed_m_s", "SteerAngle,Speed_kmh", 1)
     log.write_text(renamed.replace("yaw_rate_rad_s", "YAW,yaw_rate_of_rack_deg_s", 1))
     assert main([str(log)]) == 2
     assert "has no hand_wheel_rad" in capsys.readouterr().err
@@ -96,7 +98,9 @@ def test_new_proposes_a_mapping_that_reads_the_log(log, capsys) -> None:
     columns = tomllib.loads(mapping.read_text())["columns"]
     assert columns["hand_wheel_rad"]["column"] == "steerangle"
     assert columns["yaw_rate_of_rack_deg_s"]["unit"] == "deg_s"
-    assert len(read_columns(log, mapping)) == 3
+    assert "none found for wheel_angle_rad" not in mapping.read_text()
+    _, speed, _ = read_columns(log, mapping)
+    assert speed.values == pytest.approx(plain.values / 3.6)
 
 
 @pytest.mark.parametrize(
