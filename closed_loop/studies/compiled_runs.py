@@ -188,7 +188,7 @@ class Computer:
         samples, ticks = len(run.time_s), len(run.tick_s)
         taken = samples + _samples_before_motion(plant, plan)
         acted = _acted(plan, plan.first_tick + ticks, taken)
-        if not acted and wheel is None:
+        if not acted:
             row[COUNTED] = 0.0
             return RunEnd.NO_START
         in_effect = (plant.safety, len(run.command), *run.command[-1:].tolist())

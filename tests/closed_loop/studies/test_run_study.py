@@ -21,6 +21,7 @@ from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.workers import Block, ShouldStop, thread_workers
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.hand_wheel.settings import HandWheelSettings
 from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
@@ -169,12 +170,13 @@ def test_results_do_not_go_on_with_another_version_of_an_own_law(
         Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
 
 
-def test_a_network_that_lets_nothing_through_is_a_result_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize("wheel", [None, HandWheelSettings()])
+def test_a_network_that_lets_nothing_through_is_a_result_too(tmp_path: Path, wheel: Any) -> None:
     for loss in ("loss = 0.02", "loss = 0.05"):
         scenarios = make_scenarios(tmp_path, STUDY.replace(loss, "loss = 1.0"))
         row = np.zeros(len(COLUMNS))
         pair = scenarios.pair(0)
-        assert Computer(scenarios).one(pair.plant, pair.controller, row) is RunEnd.NO_START
+        assert Computer(scenarios).one(pair.plant, pair.controller, row, wheel) is RunEnd.NO_START
 
 
 def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
