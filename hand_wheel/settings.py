@@ -22,6 +22,7 @@ PRESETS = "steer_by_wire.hand_wheel.presets"
 """The package with the presets that are shipped."""
 STEP_S_MAX = 0.001
 """Longest step of the wheel's motion; a firmly held wheel swings 300 times as slowly."""
+_WHEEL = WheelSettings.model_fields
 _Gain = Annotated[float, Field(ge=0.0, le=1000.0)]
 
 
@@ -90,9 +91,9 @@ class FeedbackSettings(Settings):
     """Torque for each radian of the hand wheel while the vehicle does not move sideways; chosen."""
     cutoff_rad_s: float = Field(50.0, ge=0.1, le=1000.0)
     """Bandwidth of cdob and dob."""
-    dob_inertia_kg_m2: float = Field(0.035, ge=0.0, le=10.0)
-    """Inertia that the dob lets the driver feel."""
-    dob_damping_n_m_s: float = Field(0.15, ge=0.0, le=100.0)
+    dob_inertia_kg_m2: float = Field(_WHEEL["inertia_kg_m2"].default, ge=0.0, le=10.0)
+    """Inertia that the dob lets the driver feel; the default is that of the wheel."""
+    dob_damping_n_m_s: float = Field(_WHEEL["damping_n_m_s"].default, ge=0.0, le=100.0)
     """Damping that the dob lets the driver feel."""
     washout_rad_s: float = Field(2.0, ge=0.0, le=100.0)
     """Washout of the cdob: slower torque comes from the road alone. 0 switches it off."""

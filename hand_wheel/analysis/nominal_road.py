@@ -20,13 +20,14 @@ what is tested on it.
 """
 
 from math import pi
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ..wheel import LinearSystem
 
-LAG_S_MIN = 1e-6
+_LAG_S_MIN = 1e-6
+"""In place of a lag of 0, at which the servo has no state."""
 
 
 class Rack(NamedTuple):
@@ -54,19 +55,45 @@ class RoadVehicle(NamedTuple):
     rear_relaxation_m: float = 0.0
 
 
+class _VehicleTable(Protocol):
+    """Settings with the names of a vehicle at one speed."""
+
+    @property
+    def speed_m_s(self) -> float: ...
+    @property
+    def virtual_mass_kg(self) -> float: ...
+    @property
+    def yaw_inertia_kg_m2(self) -> float: ...
+    @property
+    def front_cornering_stiffness_n_rad(self) -> float: ...
+    @property
+    def rear_cornering_stiffness_n_rad(self) -> float: ...
+    @property
+    def front_axle_distance_m(self) -> float: ...
+    @property
+    def rear_axle_distance_m(self) -> float: ...
+
+
+class _TyreTable(Protocol):
+    """Settings with the relaxation lengths of tyres."""
+
+    @property
+    def front_relaxation_m(self) -> float: ...
+    @property
+    def rear_relaxation_m(self) -> float: ...
+
+
 OF_VEHICLE = tuple(it for it in RoadVehicle._fields if it not in RoadVehicle._field_defaults)
 
 
-def road_vehicle(table: Any, tyres: Any = None) -> RoadVehicle:
-    """Return the vehicle of settings that have its names.
-
-    ``tyres``  settings with the relaxation lengths; None: the tyres follow at once
-    """
+def road_vehicle(table: _VehicleTable, tyres: _TyreTable | None = None) -> RoadVehicle:
+    """Return the vehicle of settings; ``tyres``: None for tyres that follow at once."""
     vehicle = RoadVehicle(*(getattr(table, name) for name in OF_VEHICLE))
-    lagging = (
-        {} if tyres is None else {it: getattr(tyres, it) for it in RoadVehicle._field_defaults}
+    if tyres is None:
+        return vehicle
+    return vehicle._replace(
+        front_relaxation_m=tyres.front_relaxation_m, rear_relaxation_m=tyres.rear_relaxation_m
     )
-    return vehicle._replace(**lagging)
 
 
 def road_torque(vehicle: RoadVehicle, torque_gradient_n_m: float, rack: Rack) -> LinearSystem:
@@ -104,7 +131,7 @@ def road_torque(vehicle: RoadVehicle, torque_gradient_n_m: float, rack: Rack) ->
 
 def _servo(rack: Rack) -> LinearSystem:
     if rack.lag_s is not None:
-        rate_1_s = 1.0 / max(rack.lag_s, LAG_S_MIN)
+        rate_1_s = 1.0 / max(rack.lag_s, _LAG_S_MIN)
         return LinearSystem(np.array([[-rate_1_s]]), np.array([rate_1_s]), np.array([1.0]))
     omega_rad_s = 2.0 * pi * rack.bandwidth_hz
     a = [[0.0, 1.0], [-(omega_rad_s**2), -2.0 * rack.damping * omega_rad_s]]
