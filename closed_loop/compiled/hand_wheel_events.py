@@ -40,13 +40,17 @@ class Event(IntEnum):
     """What happens, in the order of one instant; the late ones come in the order of leaving."""
 
     LATE_ANSWER = 0
-    """HAND_WHEEL_FEEDBACK or, next, HAND_WHEEL_STATE arrives that was sent before this instant."""
+    """HAND_WHEEL_FEEDBACK arrives that was sent before this instant."""
     LATE_STATE = 1
+    """HAND_WHEEL_STATE arrives that was sent before this instant."""
     FORCE = 2
+    """The force on the rack is read."""
     ANSWER = 3
-    """HAND_WHEEL_FEEDBACK or, below, HAND_WHEEL_STATE arrives without latency."""
+    """HAND_WHEEL_FEEDBACK arrives without latency."""
     CYCLE = 4
+    """The hand wheel runs a cycle."""
     STATE = 5
+    """HAND_WHEEL_STATE arrives without latency."""
 
 
 class WheelEvents(NamedTuple):
@@ -94,10 +98,9 @@ def wheel_events(
     came_ns, due_ns, kind, index = (
         column[~is_command] for column in (down.came_ns, down.due_ns, down.kind, down.number)
     )
-    answers, states = (Event.LATE_ANSWER, Event.ANSWER), (Event.LATE_STATE, Event.STATE)
-    arrival = np.where(
-        kind == 1, *(np.where(came_ns == due_ns, *each[::-1]) for each in (answers, states))
-    )
+    late = np.where(kind == 1, Event.LATE_ANSWER, Event.LATE_STATE)
+    at_once = np.where(kind == 1, Event.ANSWER, Event.STATE)
+    arrival = np.where(came_ns == due_ns, at_once, late)
     forces, cycles = np.arange(len(force_ns)), np.arange(len(cycle_ns))
     columns = (
         np.concatenate((due_ns, force_ns, cycle_ns)),

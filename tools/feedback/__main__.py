@@ -156,8 +156,11 @@ def _run(options: argparse.Namespace, defaults: Mapping[str, float | None]) -> i
     for place, at_ms in enumerate(options.jitter_at):
         title = f"tolerated jitter [ms] above a round trip of {at_ms:g} ms"
         shown.append((title, partial(_jitter, place), {}))
-    of_line = ("gradient [N m/rad]", "grip"), [f"{speed:g} km/h" for speed in options.speeds_km_h]
-    tables = [_table(title, *of_line, rows, _words, cell, last) for title, cell, last in shown]
+    headings = "gradient [N m/rad]", "grip"
+    speeds = [f"{speed:g} km/h" for speed in options.speeds_km_h]
+    tables = [
+        _table(title, headings, speeds, rows, _words, cell, last) for title, cell, last in shown
+    ]
     loops = [
         [row._asdict() | {"unstable": [each._asdict() for each in row.unstable]} for row in each]
         for each in rows
