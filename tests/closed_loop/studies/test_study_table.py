@@ -198,7 +198,7 @@ def test_a_sweep_names_its_columns_so_that_none_is_taken(over: Any, columns: set
         ({"over": {"plant.verdict.road_m": [1.0]}}, "sweep: plant.verdict is for single runs"),
         ({"over": {}, "overrides": {"plant.faults": [FAULT]}}, "faults: "),
         ({"over": {"hand_wheel.cycle_ms": [1]}}, "factor cycle_ms: .* needs a hand wheel: add"),
-        ({"over": {"hand_wheel": ["sill"]}}, r"preset sill: .*did you mean still"),
+        ({"over": {"hand_wheel": ["sill"]}}, r"preset 'sill': .*did you mean still"),
         ({"over": {}, "engine": "compiled", "bus": {"load": 0.7}}, "bus: in a compiled run"),
         (
             {"over": {"bus": [{}]}},
