@@ -126,7 +126,7 @@ def run_on_nodes(pair: Pair, rules: VerdictRules, row: FloatArray) -> RunEnd:
     plant, controller, report = nodes.plant, nodes.controller, nodes.plant.report()
     downlink, uplink = report["downlink"], report["uplink"]
     motion = PlantTable.of_samples(plant.samples)
-    if not len(motion.time_s) or not downlink["released"]:
+    if not (len(motion.time_s) and downlink["released"] and uplink["released"]):
         row[COUNTED] = 0.0
         return RunEnd.NO_START
     is_outside = np.abs(motion.lateral_error_m) > RANGE_M

@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from steer_by_wire import sweep
 from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.compiled.schedule import schedule_run
 from steer_by_wire.closed_loop.pair.virtual_pair import run_virtual_nodes
-from steer_by_wire.closed_loop.studies.compiled_figures import COLUMNS
 from steer_by_wire.closed_loop.studies.compiled_runs import Computed, Computer
 from steer_by_wire.closed_loop.studies.result_files import Store
 from steer_by_wire.closed_loop.studies.run_study import run_missing
@@ -21,8 +21,6 @@ from steer_by_wire.closed_loop.studies.study import load_study
 from steer_by_wire.closed_loop.studies.workers import Block, ShouldStop, thread_workers
 from steer_by_wire.controller.node.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
-from steer_by_wire.hand_wheel.settings import HandWheelSettings
-from steer_by_wire.plant_emulator.evaluation.run_verdict import RunEnd
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.exit_status import ExitStatus
@@ -170,13 +168,15 @@ def test_results_do_not_go_on_with_another_version_of_an_own_law(
         Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
 
 
-@pytest.mark.parametrize("wheel", [None, HandWheelSettings()])
-def test_a_network_that_lets_nothing_through_is_a_result_too(tmp_path: Path, wheel: Any) -> None:
-    for loss in ("loss = 0.02", "loss = 0.05"):
-        scenarios = make_scenarios(tmp_path, STUDY.replace(loss, "loss = 1.0"))
-        row = np.zeros(len(COLUMNS))
-        pair = scenarios.pair(0)
-        assert Computer(scenarios).one(pair.plant, pair.controller, row, wheel) is RunEnd.NO_START
+@pytest.mark.parametrize("wheel", [None, "still"])
+@pytest.mark.parametrize("way", ["uplink", "downlink"])
+@pytest.mark.parametrize("engine", ["virtual", "compiled"])
+def test_a_network_that_lets_nothing_through_is_a_result_too(
+    wheel: str | None, way: str, engine: Any
+) -> None:
+    lost = {f"plant.latency.{way}.loss": 1.0}
+    found = sweep({}, overrides=lost, hand_wheel=wheel, engine=engine, duration_s=2.0)
+    assert found["verdict"].tolist() == ["no start"]
 
 
 def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
