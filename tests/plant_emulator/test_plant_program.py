@@ -20,7 +20,7 @@ Capture = pytest.CaptureFixture[str]
         (["--seed", "-1"], ["command line: seed = -1"]),
         (["--set", "latency.downlink.mean_s=11"], ["latency.downlink.mean_s = 11", "10.0"]),
         (["--set", "latency.uplink.trace_file=none.csv"], ["none.csv: cannot be read"]),
-        (["--preset", "paper_nominl"], ["preset paper_nominl", "paper_nominal"]),
+        (["--preset", "paper_nominl"], ["preset 'paper_nominl'", "paper_nominal"]),
         (["none.toml"], ["none.toml: cannot be read"]),
         (["--set", "path_ahead.reach_s=1.5"], ["[path_ahead]: PATH_AHEAD needs CAN FD: add --fd"]),
         (["--set", "path.kind=waypoints", "--set", "path.file=none.csv"], ["none.csv"]),

@@ -241,11 +241,11 @@ def test_presets_are_read_from_their_package(package: str) -> None:
 
 
 def test_an_unknown_preset_names_the_nearest_or_all(package: str) -> None:
-    with pytest.raises(SettingsError, match=r"preset slo: .* \(did you mean slow\?\)"):
+    with pytest.raises(SettingsError, match=r"preset 'slo': .* \(did you mean slow\?\)"):
         read_preset(package, "slo")
-    with pytest.raises(SettingsError, match=r"preset x: .* \(known: fast, slow\)"):
+    with pytest.raises(SettingsError, match=r"preset 'x': .* \(known: fast, slow\)"):
         read_preset(package, "x")
-    with pytest.raises(SettingsError, match=r"preset \.\./slow: there is none"):
+    with pytest.raises(SettingsError, match=r"preset '\.\./slow': there is none"):
         read_preset(package, "../slow")
 
 

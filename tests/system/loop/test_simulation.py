@@ -159,7 +159,7 @@ def test_a_vehicle_file_is_the_vehicle_of_both() -> None:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        ({"plant": "papr_nominal"}, r"preset papr_nominal: .*\(did you mean paper_nominal\?\)"),
+        ({"plant": "papr_nominal"}, r"preset 'papr_nominal': .*\(did you mean paper_nominal\?\)"),
         ({"plant": "no.toml"}, r"no\.toml: cannot be read: No such file or directory"),
         ({"plant": 3}, r"plant is of type int \(allowed: name of a preset, path of a settings"),
         ({"vehicle": "no.toml"}, r"no\.toml: cannot be read: No such file or directory"),

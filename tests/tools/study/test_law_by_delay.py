@@ -207,7 +207,7 @@ def test_a_variant_has_settings_of_its_own_and_changes_the_plant_of_its_runs_alo
     ("old", "new", "message"),
     [
         ("map = {", "practical_pd = {", "must differ from each other in their names"),
-        ('quick = { preset = "practical_pd"', 'quick = { preset = "nosuch"', "preset nosuch"),
+        ('quick = { preset = "practical_pd"', 'quick = { preset = "nosuch"', "preset 'nosuch'"),
         ("controller.rate_hz = 200.0", "controller.rate = 200.0", r"base\.variants\.quick: rate "),
         ("plant.sensor_period_ms = 5.0", "plant.sensor_period = 5.0", "sensor_period"),
     ],
