@@ -67,7 +67,7 @@ def draw(models: Sequence[Sequence[Curve]], cycle_s: float, title: str) -> bytes
     """
     speeds_km_h = sorted({speed for speed, *_ in models[0]})
     with plot_style():
-        figure = Figure(figsize=(4.0 * len(speeds_km_h), 4.4))
+        figure = Figure(figsize=(4.0 * len(speeds_km_h) + 1.0, 4.4))
         panels = figure.subplots(1, len(speeds_km_h), sharey=True, squeeze=False)[0]
         for axes, speed_km_h in zip(panels, speeds_km_h, strict=True):
             for rows, dash in zip(models, ("-", "--"), strict=False):
@@ -90,7 +90,7 @@ def draw(models: Sequence[Sequence[Curve]], cycle_s: float, title: str) -> bytes
             panels[-1].plot([], [], "k--", label="tyres that lag")
         _mark_bus(panels, cycle_s)
         panels[0].set_ylabel("first unstable round trip [ms]")
-        figure.legend(loc="outside lower center", ncols=5, fontsize=8)
+        figure.legend(loc="outside lower center", ncols=min(3 * len(panels), 5), fontsize=8)
     return png_of(figure)
 
 
