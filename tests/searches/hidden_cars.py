@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom
 
-from steer_by_wire.closed_loop.identification.figures import Verdict, figure_values
+from steer_by_wire.closed_loop.identification.figures import Verdict, figure_values, figures_of
 from steer_by_wire.closed_loop.identification.identified import identify
 from steer_by_wire.closed_loop.identification.parameters import Known
 from steer_by_wire.closed_loop.identification.time_series import Channel, make_drive
@@ -50,8 +50,10 @@ def told(channels: list[Channel], known: Known, parameters: Mapping[str, float])
     except SettingsError as error:
         return {"refused": str(error)}
     truth = figure_values(parameters)
+    bounds = figures_of(found.fit._replace(covariance=found.fit.plain, critical=1.96), None)
+    fisher = {one.name: one.high - one.low for one in bounds}
     figures = {
-        one.name: one._asdict() | {"truth": truth[one.name]}
+        one.name: one._asdict() | {"truth": truth[one.name], "fisher": fisher[one.name]}
         for one in found.figures
         if one.name in truth
     }
@@ -85,7 +87,15 @@ def summary(rows: list[Row]) -> list[str]:
     """Return what the rows show."""
     wanted = [row["figures"] for row in rows if row["prescribed"] and "figures" in row]
     good = sum(all(of[one]["verdict"] == Verdict.IDENTIFIED for one in EXPECTED) for of in wanted)
-    return [*table(rows), f"prescribed logs identified: {good} of {len(wanted)}"]
+    offsets = [of[OFFSET] for of in wanted if OFFSET in of]
+    near = sum(abs(one["value"] - one["truth"]) <= 0.002 for one in offsets)
+    lines = [f"prescribed logs identified: {good} of {len(wanted)}"]
+    lines.append(f"their offsets within 2 ms: {near} of {len(offsets)}")
+    for name in EXPECTED:
+        each = [of[name] for of in wanted]
+        width = np.median([(one["high"] - one["low"]) / one["fisher"] for one in each])
+        lines.append(f"their width of {name} over Fisher's, median: {width:.2f}")
+    return [*table(rows), *lines]
 
 
 def search(
