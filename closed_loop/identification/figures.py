@@ -268,11 +268,8 @@ def _is_doubtful(found: Fit, linear: _Linear, tried: Sequence[_Tried]) -> bool:
     On a curve another car is as likely that lies well outside of the interval.
     """
     at = found.problem.place(linear.kind.source)
-    parameter, half, x = (
-        found.problem.parameters[at],
-        half_of(found, linear.kind.source),
-        found.x[at],
-    )
+    parameter, x = found.problem.parameters[at], found.x[at]
+    half = half_of(found, linear.kind.source)
     is_near = x - half <= parameter.low or x + half >= parameter.high
     if is_near or half > (_SHARE if parameter.is_log else 0.01):
         return True

@@ -20,10 +20,11 @@ what is tested on it.
 """
 
 from math import pi
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
+from ...runtime.settings import Settings
 from ..wheel import LinearSystem
 
 _LAG_S_MIN = 1e-6
@@ -55,45 +56,15 @@ class RoadVehicle(NamedTuple):
     rear_relaxation_m: float = 0.0
 
 
-class _VehicleTable(Protocol):
-    """Settings with the names of a vehicle at one speed."""
-
-    @property
-    def speed_m_s(self) -> float: ...
-    @property
-    def virtual_mass_kg(self) -> float: ...
-    @property
-    def yaw_inertia_kg_m2(self) -> float: ...
-    @property
-    def front_cornering_stiffness_n_rad(self) -> float: ...
-    @property
-    def rear_cornering_stiffness_n_rad(self) -> float: ...
-    @property
-    def front_axle_distance_m(self) -> float: ...
-    @property
-    def rear_axle_distance_m(self) -> float: ...
-
-
-class _TyreTable(Protocol):
-    """Settings with the relaxation lengths of tyres."""
-
-    @property
-    def front_relaxation_m(self) -> float: ...
-    @property
-    def rear_relaxation_m(self) -> float: ...
-
-
 OF_VEHICLE = tuple(it for it in RoadVehicle._fields if it not in RoadVehicle._field_defaults)
 
 
-def road_vehicle(table: _VehicleTable, tyres: _TyreTable | None = None) -> RoadVehicle:
-    """Return the vehicle of settings; ``tyres``: None for tyres that follow at once."""
+def road_vehicle(table: Settings, tyres: Settings | None = None) -> RoadVehicle:
+    """Return the vehicle of settings with its names; ``tyres``: None if they follow at once."""
     vehicle = RoadVehicle(*(getattr(table, name) for name in OF_VEHICLE))
     if tyres is None:
         return vehicle
-    return vehicle._replace(
-        front_relaxation_m=tyres.front_relaxation_m, rear_relaxation_m=tyres.rear_relaxation_m
-    )
+    return vehicle._replace(**{name: getattr(tyres, name) for name in RoadVehicle._field_defaults})
 
 
 def road_torque(vehicle: RoadVehicle, torque_gradient_n_m: float, rack: Rack) -> LinearSystem:
