@@ -19,7 +19,7 @@ def motion_report(
 ) -> Mapping[str, Any]:
     """Return how well the path was held.
 
-    ``is_driven``         whether a command ever acted, or none was sent
+    ``is_driven``         whether measurements and commands ever arrived, or no command was sent
 
     ``*rms_m``, ``peak_m``, ``final_m``  of the car's deviation; None if a log has none
     ``lateral_error_final_m``  of the judged point: what the verdict takes for the lateral error

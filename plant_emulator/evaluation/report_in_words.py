@@ -160,9 +160,16 @@ def _within(node: Report) -> str:
     return f"; the body within the corridor by {free} or more, least at {_in_corridor(node)}"
 
 
+def _nothing_arrived(node: Report) -> str:
+    uplink = node.get("uplink")  # a log alone has none
+    if uplink and uplink["pushed"] and not uplink["released"]:
+        return "no measurement ever reached the controller"
+    return "no command ever reached the actuator"
+
+
 _POINTS = {"preview": "preview point", "centre_of_gravity": "car", "rear_axle": "rear axle"}
 _REASONS: Mapping[Verdict, Callable[[Report], str]] = {
-    Verdict.NO_START: lambda _node: "no command ever reached the actuator",
+    Verdict.NO_START: _nothing_arrived,
     Verdict.TOO_SHORT: lambda _node: (
         f"a run of less than {SHORTEST_RUN_S:g} s shows nothing; let it last longer"
     ),

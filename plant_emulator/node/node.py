@@ -338,7 +338,10 @@ class PlantNode:
         """
         settings, clamped = self._settings, self._sampling.frames.clamped
         reception, asked_m_s = self._reception, self._slowest_asked_m_s
-        downlink = line_report(self._network.downlink)
+        network = self._network
+        downlink, uplink = line_report(network.downlink), line_report(network.uplink)
+        # A hand wheel's commands act without a measurement, too.
+        acted = downlink["released"] > 0 and uplink["released"] > 0
         return {
             "seed": settings.seed,
             "failure": self._failure,
@@ -348,10 +351,10 @@ class PlantNode:
                 settings.verdict,
                 settings.sensor_noise.lateral_error_m,
                 settings.sensor_period_ns / NS_PER_S,
-                downlink["released"] > 0 or downlink["pushed"] == 0,
+                acted or downlink["pushed"] == 0,
             ),
             "downlink": downlink,
-            "uplink": line_report(self._network.uplink),
+            "uplink": uplink,
             "accepted": reception.accepted,
             "lost_on_the_bus": reception.lost,
             "rejected": reception.rejected,
