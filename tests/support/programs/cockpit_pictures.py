@@ -37,8 +37,8 @@ _SETTLED = f"""cockpit.nowS > {_SPAN_S + 5} && cockpit.lanes.every((rows) =>
 """Whether every lane was driven in time in all that the charts show; no number is not in time."""
 _PATIENCE_S = 600.0
 
-LAWS = {"highway_pd": "PD", "highway_stiff_predictor": "predictor"}
-_RISE_S, _BEFORE_MS, _FROM_RISE_MS = 4.0, 30, 400
+LAWS = {"highway_pd": "PD", "highway_predictor": "predictor"}
+_RISE_S, _BEFORE_MS, _FROM_RISE_MS = 4.0, 30, 200
 """The network of both, which becomes slow."""
 _FRAMES = [2.0 + 0.2 * number for number in range(55)]
 _SIZE = (640, 170)
@@ -135,13 +135,13 @@ def strip(browser: Browser, preset: str) -> list[Image.Image]:
 
 
 def moving_plant() -> PlantSettings:
-    """Return the double lane change, with a latency that changes."""
+    """Return a sedan in a double lane change, with a latency that changes."""
     schedule = [
         {"time_s": at_s, "mean_s": 1e-3 * late_ms}
         for at_s, late_ms in ((0.0, _BEFORE_MS), (_RISE_S, _FROM_RISE_MS))
     ]
     values = {"duration_s": 14.0, "latency.downlink.schedule": schedule}
-    return with_values(plant_preset("highway_nominal"), values, "moving")
+    return with_values(plant_preset("large_sedan"), values, "moving")
 
 
 if __name__ == "__main__":

@@ -158,7 +158,7 @@ def run_of(plant: str, law: str, speed_km_h: str, delay_ms: str) -> Run:
 def test_the_moving_picture_shows_what_is_said_of_it() -> None:
     (within_mm,) = re.findall(r"stays within (\d+) mm", README)
     plant = moving_plant()
-    assert f"At {3.6 * plant.vehicle.speed_m_s:g} km/h, commands" in README
+    assert f"At {3.6 * plant.vehicle.speed_m_s:.0f} km/h, commands" in README
     runs = [simulate(plant, law, engine="compiled") for law in LAWS]
     pd_m, predictor_m = (abs(run.plant.cg_deviation_m).max() for run in runs)
     assert pd_m > IN_LANE_M
