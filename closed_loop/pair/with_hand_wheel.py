@@ -11,6 +11,7 @@ from ...hand_wheel.settings import HandWheelSettings, NominalModelSettings
 from ...plant_emulator.sensors.settings import SteeringForceSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.hand_wheel import HandWheelSettings as LinkSettings
+from ...runtime.settings import SettingsError
 
 
 class WithHandWheel(NamedTuple):
@@ -27,12 +28,20 @@ def with_hand_wheel(
     """Return the settings of a pair with a hand wheel.
 
     The plant sends STEERING_FORCE once a cycle of the wheel and takes its angle over its ratio; the
-    nominal model is the plant's vehicle.
+    nominal model is the plant's vehicle. Raises SettingsError for steering ratios that differ.
     """
     ratio = wheel.steering_ratio
     force = plant.steering_force or SteeringForceSettings(period_ms=wheel.cycle_ms)
     link = plant.hand_wheel or LinkSettings(steering_ratio=ratio)
     driver = controller.hand_wheel or WhoSteersSettings(steering_ratio=ratio)
+    ratios = {
+        "hand_wheel": ratio,
+        "plant.hand_wheel": link.steering_ratio,
+        "controller.hand_wheel": driver.steering_ratio,
+    }
+    if len(set(ratios.values())) > 1:
+        told = ", ".join(f"{table} has {its:g}" for table, its in ratios.items())
+        raise SettingsError(f"steering_ratio differs: {told}; give all the same")
     if wheel.nominal_model == NominalModelSettings():
         wheel = wheel.model_copy(update={"nominal_model": nominal_model_of(plant, force)})
     return WithHandWheel(
