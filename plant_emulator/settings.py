@@ -10,7 +10,14 @@ from pydantic import Field, model_validator
 from ..dbc.codec.counter_rule import CounterRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.node.overruns import OverrunSettings
-from ..runtime.settings import Settings, SharedTable, load_settings, read_preset, read_table
+from ..runtime.settings import (
+    Settings,
+    SettingsError,
+    SharedTable,
+    load_settings,
+    read_preset,
+    read_table,
+)
 from ..runtime.settings.plugin import Part
 from .evaluation.run_verdict import VerdictRules
 from .faults.settings import FAULTS_MAX, MOTOR_FAULTS, STEERING_FAULTS, FaultKind, FaultSettings
@@ -42,6 +49,12 @@ def shared_vehicle(file: Path | None) -> SharedTable | None:
     car = read_table(file, "car", {})
     tables = {"vehicle": read_table(file, "vehicle")} | ({"car": car} if car else {})
     return SharedTable(str(file), tables)
+
+
+def refuse_vehicle(file: Path | None) -> None:
+    """Raise SettingsError for the file of a vehicle in the place of a plant's settings."""
+    if file is not None and read_table(file, "uncertainty", {}):
+        raise SettingsError(f"{file}: has [uncertainty], as a vehicle: give it as --vehicle")
 
 
 class PlantSettings(Settings):

@@ -29,7 +29,13 @@ from ..faults.stage import with_faults
 from ..node.interventions import refuse_with_key
 from ..node.node import OF_HAND_WHEEL, RECEIVED, SENT, PlantNode
 from ..path.path import curvature
-from ..settings import PRESETS, PlantSettings, plant_motion_params, shared_vehicle
+from ..settings import (
+    PRESETS,
+    PlantSettings,
+    plant_motion_params,
+    refuse_vehicle,
+    shared_vehicle,
+)
 from ..steering.safety_limiter import AVERAGING_S, Cause
 from ..steering.settings import design_guard
 from ..vehicle.car.settings import CarSettings
@@ -164,6 +170,7 @@ def _run(options: argparse.Namespace) -> int:
     overrides = [] if options.seed is None else [f"seed={options.seed}"]
     overrides += ["interventions=allow"] if options.interventions else []
     language = read_edge_options(options)
+    refuse_vehicle(options.settings)
     settings = load_program_settings(
         PlantSettings,
         PRESETS,

@@ -151,12 +151,14 @@ def load_settings(
     shared: SharedTable | None = None,
     context: Mapping[str, Any] | None = None,
     layers: Sequence[SharedTable] = (),
+    node: str = "",
 ) -> S:
     """Return the checked settings: ``preset``, ``file``, ``shared``, ``overrides`` in layers.
 
     ``overrides``  each ``table.key=value``; the value is TOML, a bare word counts as a string
     ``context``    what validators of the model find in ``ValidationInfo.context``
     ``layers``     further ones on top of ``shared``
+    ``node``       whose the overrides are, where a command line has those of several
 
     Raises SettingsError.
     """
@@ -171,7 +173,8 @@ def load_settings(
     for table in (*filter(None, [shared]), *layers):
         _merge(merged, table.content, table.source, (), sources)
     if overrides:
-        _merge(merged, _parse_overrides(overrides), COMMAND_LINE, (), sources)
+        source = f"{COMMAND_LINE}, {node}" if node else COMMAND_LINE
+        _merge(merged, _parse_overrides(overrides, source), source, (), sources)
     return _checked(model, merged, sources, context)
 
 
@@ -294,17 +297,17 @@ def _refuse_monsters(tables: dict[str, Any], source: str) -> None:
             waiting += [((*path, index), item) for index, item in enumerate(value)]
 
 
-def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
+def _parse_overrides(overrides: Sequence[str], source: str) -> dict[str, Any]:
     tables: dict[str, Any] = {}
     for override in overrides:
         if override != override.encode(errors="ignore").decode():  # its other bytes are surrogates
-            raise SettingsError(f"{COMMAND_LINE}: {override}: is not UTF-8 text")
+            raise SettingsError(f"{source}: {override}: is not UTF-8 text")
         place, equals, text = override.partition("=")
         *parents, key = (part.strip() for part in place.split("."))
         if not equals or not text.strip() or not all((*parents, key)):
-            raise SettingsError(f"{COMMAND_LINE}: {override}: is not of the form table.key=value")
-        _set(tables, [*parents, key], _parse_value(text), f"{COMMAND_LINE}: {override}")
-    _refuse_monsters(tables, COMMAND_LINE)
+            raise SettingsError(f"{source}: {override}: is not of the form table.key=value")
+        _set(tables, [*parents, key], _parse_value(text, source), f"{source}: {override}")
+    _refuse_monsters(tables, source)
     return tables
 
 
@@ -317,9 +320,9 @@ def _set(tables: dict[str, Any], keys: Sequence[str], value: Any, source: str) -
     tables[key] = value
 
 
-def _parse_value(text: str) -> Any:
+def _parse_value(text: str, source: str) -> Any:
     try:
-        with bounded(COMMAND_LINE):
+        with bounded(source):
             document = tomllib.loads(f"value = {text}")
     except InputError as error:
         raise SettingsError(str(error)) from None
