@@ -99,7 +99,7 @@ def add_out_argument(
 ) -> None:
     """Add ``--out``; ``what`` is its help without the default."""
     help_text = f"{what} (default: %(default)s)" if default else what
-    parser.add_argument("--out", type=_folder, default=default, metavar="DIR", help=help_text)
+    parser.add_argument("--out", type=output_folder, default=default, metavar="DIR", help=help_text)
 
 
 def add_json_argument(parser: argparse.ArgumentParser, *, shows: bool = True) -> None:
@@ -177,7 +177,8 @@ def shell_words(text: str) -> list[str]:
         raise argparse.ArgumentTypeError(f"{text[:60]!r}: {error}") from error
 
 
-def _folder(text: str) -> Path:
+def output_folder(text: str) -> Path:
+    """Read the name of a folder for results."""
     if not text or os.path.isfile(text):
         raise argparse.ArgumentTypeError(f"{text!r} is no folder: give the name of one")
     return Path(text)
@@ -185,6 +186,8 @@ def _folder(text: str) -> Path:
 
 def output_file(text: str) -> Path:
     """Read the name of a file to write after the run."""
+    if not text:
+        raise argparse.ArgumentTypeError("'' is no file: give the name of one")
     path = Path(text)
     try:
         if path.is_dir():

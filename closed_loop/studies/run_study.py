@@ -113,6 +113,8 @@ def sweep(
     >>> [f"{1e3 * rms_m:.1f} mm" for rms_m in table["rms_m"]]
     ['46.4 mm', '46.8 mm']
     """
+    if not isinstance(over, Mapping):
+        raise SettingsError(f"sweep: takes values by name, as {{'latency_s': [0.1]}}, not {over!r}")
     for key, levels in over.items():
         if isinstance(levels, str) or not isinstance(levels, Iterable):
             raise SettingsError(f"sweep over {key}: takes a list of values, not {levels!r}")

@@ -23,7 +23,6 @@ written, 130 when interrupted.
 import importlib
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from steer_by_wire.runtime.command_line import (
     add_json_argument,
@@ -31,6 +30,7 @@ from steer_by_wire.runtime.command_line import (
     add_overrides_argument,
     command_parser,
     number,
+    output_folder,
     run_main,
 )
 from steer_by_wire.runtime.program.node_options import settings_file
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_overrides_argument(parser, what, _setting_keys)
     add_out_argument(parser, "out/gains", "folder for the presets")
     parser.add_argument(
-        "--pictures", type=Path, metavar="DIR",
+        "--pictures", type=output_folder, metavar="DIR",
         help="folder for pictures and the plant's settings (default: as --out)",
     )  # fmt: skip
     parser.add_argument(

@@ -44,6 +44,7 @@ from steer_by_wire.runtime.command_line import (
     command_parser,
     number,
     output_file,
+    output_folder,
     run_main,
 )
 from steer_by_wire.runtime.exit_status import ExitStatus
@@ -117,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="draw the first unstable round trip over the torque gradient",
     )  # fmt: skip
     parser.add_argument(
-        "--frontier", type=Path, metavar="DIR",
+        "--frontier", type=output_folder, metavar="DIR",
         help="compare the feedback laws instead; writes frontier.png and frontier.json there",
     )  # fmt: skip
     add_json_argument(parser)
@@ -198,7 +199,7 @@ def _middle(values: Sequence[float]) -> float:
 
 def _png_file(text: str) -> Path:
     if Path(text).suffix.lower() != ".png":
-        raise argparse.ArgumentTypeError(f"{text} is no PNG: give a name that ends in .png")
+        raise argparse.ArgumentTypeError(f"{text!r} is no PNG: give a name that ends in .png")
     return output_file(text)
 
 
@@ -228,8 +229,6 @@ def _rows(options: argparse.Namespace, model: Bench, gradients_n_m: Sequence[flo
 def _show_frontier(folder: Path, models: Sequence[Bench], title: str) -> int:
     from steer_by_wire.tools.feedback.picture import draw_frontier  # loads matplotlib
 
-    if folder.is_file():
-        raise SettingsError(f"--frontier {folder} is a file: give the name of a folder")
     folder.mkdir(parents=True, exist_ok=True)  # before a minute's work
     found = [frontier(bench) for bench in models]
     marks = "F, I, J: shakes with friction, ice, jitter"

@@ -1,7 +1,8 @@
-"""Write a controller as C99: a law from the functions that run in Python, and the node around it;
-with --feedback, the feedback law of a hand wheel.
+"""Write a controller as C99: its law and node, from the functions that run in Python.
 
-steer-by-wire generate-c --preset practical_pd_ddob --out law
+    steer-by-wire generate-c --preset practical_pd_ddob --out law
+
+With --feedback it writes the feedback law of a hand wheel.
 """
 
 import argparse
@@ -55,7 +56,8 @@ def _write(options: argparse.Namespace) -> int:
     _write_files(options.out, files, GENERATED)
     if settings.supervision.stops_if_implausible:
         watch = "the stop where the plant's signals contradict each other"
-        say(NAME, f"warning: not in C: {watch} (supervision.stops_if_implausible)", sys.stderr)
+        alike = "supervision.stops_if_implausible = false takes it out of Python too"
+        say(NAME, f"warning: not in C: {watch}; {alike}", sys.stderr)
     print(f"and {len(files) - len(GENERATED)} files around these: make -C {options.out}")
     return ExitStatus.OK
 

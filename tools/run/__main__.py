@@ -42,7 +42,7 @@ from steer_by_wire.plant_emulator.evaluation.run_record import write_trace
 from steer_by_wire.plant_emulator.faults.messages_on_bus import naming
 from steer_by_wire.plant_emulator.node.interventions import refuse_with_key
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings, refuse_vehicle
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.runtime.bus_model.settings import BusSettings
 from steer_by_wire.runtime.command_line import (
@@ -268,9 +268,17 @@ def _plant_settings(options: argparse.Namespace, language: BusLanguage) -> Plant
     preset = _preset_of(options, PLANT_SIDE)
     short = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
-    vehicle, own = plant_vehicle(options.vehicle), of_side(options.overrides, PLANT_SIDE)
-    given = [*own, *overrides]
-    return load_settings(PlantSettings, preset, options.plant, given, vehicle, naming(language))
+    own = of_side(options.overrides, PLANT_SIDE)
+    refuse_vehicle(options.plant)
+    return load_settings(
+        PlantSettings,
+        preset,
+        options.plant,
+        [*own, *overrides],
+        plant_vehicle(options.vehicle),
+        naming(language),
+        node=PLANT_SIDE,
+    )
 
 
 def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
@@ -283,8 +291,8 @@ def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
     preset = _preset_of(options, CONTROLLER_SIDE, default)
     overrides = of_side(options.overrides, CONTROLLER_SIDE)
     overrides += [] if options.law is None else [f"law={options.law}"]
-    vehicle = nominal_vehicle(options.vehicle)
-    return load_settings(ControllerSettings, preset, options.controller, overrides, vehicle)
+    vehicle, file, node = nominal_vehicle(options.vehicle), options.controller, CONTROLLER_SIDE
+    return load_settings(ControllerSettings, preset, file, overrides, vehicle, node=node)
 
 
 def _hand_wheel(options: argparse.Namespace) -> HandWheelSettings | None:
@@ -293,7 +301,8 @@ def _hand_wheel(options: argparse.Namespace) -> HandWheelSettings | None:
         if own:
             raise SettingsError(f"--set {HAND_WHEEL_SIDE}.{own[0]}: add --hand-wheel too")
         return None
-    return load_settings(HandWheelSettings, None, options.hand_wheel, own)
+    node = HAND_WHEEL_SIDE.replace("_", " ")
+    return load_settings(HandWheelSettings, None, options.hand_wheel, own, node=node)
 
 
 def _refuse_beside_command(options: argparse.Namespace, words: list[str]) -> None:

@@ -21,6 +21,7 @@ from pathlib import Path
 from steer_by_wire.runtime.command_line import (
     add_out_argument,
     command_parser,
+    output_folder,
     run_main,
     whole_number,
 )
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("--list", action="store_true", help="print the shipped studies, and end")
     parser.add_argument(
-        "--report", type=Path, metavar="DIR",
+        "--report", type=output_folder, metavar="DIR",
         help="write the report of stored results again, and end",
     )  # fmt: skip
     add_out_argument(parser, None, "folder for the results (default: out/study/NAME)")

@@ -38,8 +38,9 @@ REFUSED = {
     "design none.toml --spec spec.toml": "none.toml: cannot be read",
     "design car.toml --spec none.toml": "none.toml: cannot be read",
     "feedback --cycle-ms 0": "0.001 to 100 ms",
+    "feedback --frontier ''": "--frontier: '' is no folder",
     "feedback --frontier x --cdob 50": "--cdob does nothing with --frontier",
-    "feedback --plot x.gif": "x.gif is no PNG: give a name that ends in .png",
+    "feedback --plot x.gif": "'x.gif' is no PNG: give a name that ends in .png",
     "feedback --preset tank": "large_sedan",
     "feedback --washout 2": "--washout does nothing without --cdob",
     "feedback --lag-ms 4 --rack-hz 8": "--rack-hz does nothing with --lag-ms",
@@ -58,9 +59,11 @@ REFUSED = {
     "paper --figure 13": "--figure 13: nothing to compute; allowed are 7, 8,",
     "paper --table 3": "nothing to compute; allowed are 2",
     "paper --figure 8 --out ''": "--out: '' is no folder",
+    "design car.toml --spec spec.toml --pictures ''": "--pictures: '' is no folder",
     "plant --dialect none --key-file k": "--dialect takes no --key-file",
     "plant --key-file k --interventions": "--key-file: a plant with a key accepts no int",
     "plant --set x=1": "command line: x ",
+    "run car.toml": "car.toml: has [uncertainty], as a vehicle: give it as --vehicle",
     "run --bit-error-rate 0.1": "bit_error_rate = 0.1 should be",
     "run --bitrate=0": "10000 to 1000000",
     "run --bus-settings none.toml": "none.toml: cannot be read",
@@ -75,26 +78,24 @@ REFUSED = {
     "run --controller-command true --key-file k": "--key-file: a run with --controller-command",
     "run --dialect none --key-file k": "--dialect takes no --key-file",
     "run --durations 3": "unrecognized arguments: --durations (did you mean --dur",
-    "run --hand-wheel still --set hand_wheel.cycle_ms=50": "up to 20",
+    "run --hand-wheel still --set hand_wheel.cycle_ms=50": "line, hand wheel: cycle_ms = 50 should",
+    "run --hand-wheel still --set plant.hand_wheel.steering_ratio=18": "hand_wheel has 16, plant.",
     "run --hand-wheel still --controller-command true": "has none",
     "run --ideal-wire --load 0.5": "need a bus with a bit rate",
     "run --key-file k --set plant.interventions=allow": "--key-file: a plant with a key",
-    "run --law nosuch": "command line: law = ",
+    "run --law nosuch": "command line, controller: law = ",
     "run --load=much": "is not a number",
-    "run --preset paper_pd --preset practical_pd": (
-        "--preset: paper_pd and practical_pd are both of the contr"
-    ),
-    "run --preset practical_pd --set controller.rate_hz=1": "rate_hz",
-    "run --preset practical_pdd": (
-        "argument --preset: no preset 'practical_pdd' (did you mean practical_pd?)"
-    ),
+    "run --preset paper_pd --preset practical_pd": "paper_pd and practical_pd are both of",
+    "run --preset practical_pd --set controller.rate_hz=1": "line, controller: pd.derivative",
+    "run --preset practical_pdd": "no preset 'practical_pdd' (did you mean practical_pd?)",
     "run --rest-bus none.dbc": "rest_bus: none.dbc: No such file",
     "run --set hand_wheel.cycle_ms=5": "add --hand-wheel too",
-    "run --set plant.vehicle.speed_m_s=-3": "vehicle.speed_m_s",
+    "run --set plant.vehicle.speed_m_s=-3": "line, plant: vehicle.speed_m_s = -3 should",
     "run --set latency.downlink.mean_s=0.1": (
         "argument --set: 'latency.downlink.mean_s=0.1' begins with none of plant., controller. and"
         " hand_wheel. (did you mean plant.latency.downlink.mean_s=0.1?)"
     ),
+    "study --report ''": "--report: '' is no folder",
     "study none.toml": "none.toml: cannot be read",
     "study nosuch": "argument STUDY: 'nosuch' is neither",
 }
