@@ -22,6 +22,7 @@ from steer_by_wire.closed_loop.compiled.engine import run_compiled
 from steer_by_wire.closed_loop.compiled.schedule import schedule_run
 from steer_by_wire.closed_loop.identification.parameters import Known, values_of
 from steer_by_wire.closed_loop.identification.response import LANES, STEP_S, Grid, respond
+from steer_by_wire.closed_loop.identification.time_series import Channel, Quantity
 from steer_by_wire.closed_loop.pair.virtual_bus import QUIET_BUS
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
@@ -82,14 +83,17 @@ def test_schedule(network: str, benchmark: Any) -> None:
 
 
 def test_cars_at_once(capsys: pytest.CaptureFixture[str]) -> None:
-    """By processor time and in turns, because the load of a computer changes."""
+    """With two sensors at 100 Hz; by processor time and in turns, as a computer's load changes."""
     plant, time_s = plant_preset("large_sedan"), np.arange(0.0, 60.0, STEP_S)
-    steering = {"lag_squared_s2": 0.0, "delay_and_lag_s": 0.0, "steering_offset_rad": 0.0}
+    zero = "lag_squared_s2", "delay_and_lag_s", "steering_offset_rad", "yaw_rate_offset_rad_s"
     assert plant.car is not None
-    values = values_of(plant.vehicle, plant.car) | {"steering_ratio": 1.0, **steering}
+    values = dict.fromkeys(zero, 0.0) | values_of(plant.vehicle, plant.car)
+    values["steering_ratio"] = 1.0
     steering_rad, still = 0.03 * np.sin(3.0 * time_s), np.zeros_like(time_s)
     speed_m_s, ends = still + 20.0, np.array([0, len(time_s)])
-    grid = Grid((), STEP_S, ends, still[:1], time_s, steering_rad, speed_m_s, still, still[:0])
+    sensed = Quantity.YAW_RATE, Quantity.LATERAL_ACCELERATION
+    judged = tuple(Channel(one, one, time_s[1000::10], still[1000::10]) for one in sensed)
+    grid = Grid(judged, STEP_S, ends, still[:1], time_s, steering_rad, speed_m_s, still, still[:0])
     rates: dict[int, list[float]] = {LANES: [], 1: []}
     for _ in range(16):
         for cars, found in rates.items():

@@ -25,7 +25,7 @@ from scipy.signal import fftconvolve
 from ...runtime.array_types import FloatArray
 from ..pair.pair_result import rms
 from .parameters import Problem
-from .response import LANES, Grid, coarse, respond, seen
+from .response import LANES, Grid, coarse, respond
 from .time_series import Channel
 
 Progress = Callable[[str, int, int], None]
@@ -214,11 +214,9 @@ class _Judge:
         def errors(first: int) -> list[tuple[FloatArray, ...]]:
             part = slice(first, first + size)
             hidden = None if hidden_rad is None else hidden_rad[part]
-            responses = respond(self.grid, cars[part], self.problem.known, hidden)
-            return [
-                tuple(one.values - seen(one, response, values) for one in self.grid.judged)
-                for values, response in zip(cars[part], responses, strict=True)
-            ]
+            shown = respond(self.grid, cars[part], self.problem.known, hidden)
+            measured = [one.values for one in self.grid.judged]
+            return [tuple(map(np.subtract, measured, of_car)) for of_car in shown]
 
         with ThreadPoolExecutor(workers) as pool:
             return [*chain.from_iterable(pool.map(errors, range(0, len(cars), size)))]

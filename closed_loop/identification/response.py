@@ -9,11 +9,12 @@ its car alone.
 """
 
 from collections.abc import Mapping, Sequence
-from itertools import repeat
+from itertools import accumulate, pairwise, repeat
 from math import ceil, exp, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import uniform_filter1d
 
@@ -22,6 +23,7 @@ from ...plant_emulator.vehicle.car.car_step import CarInput, CarParams, CarState
 from ...plant_emulator.vehicle.car.tyre import TyreParams
 from ...runtime.array_types import FloatArray, IntArray
 from ..compiled.compilation import compiled_unchecked
+from ..compiled.inlined_functions import INLINE
 from ..compiled.memory import on_stack
 from ..compiled.step_functions import register, register_steps
 from .parameters import Known, car_tables
@@ -31,7 +33,7 @@ STEP_S = 0.001
 LANES = 16
 """Cars at once: they take as long as five one by one."""
 _BLOCK = 32
-"""Steps whose steering is read before the first of them, and whose outputs are kept after."""
+"""Steps whose steering is read before the first of them, and whose outputs are sensed after."""
 _COARSE = 5
 SETTLING_S = 1.0
 """At the start of a segment, not judged: the car's state there is not known."""
@@ -109,21 +111,13 @@ def coarse(grid: Grid) -> Grid:
     return wide._replace(**steering)
 
 
-class Response(NamedTuple):
-    """Outputs of the car on a grid."""
-
-    time_s: FloatArray
-    yaw_rate_rad_s: FloatArray
-    lateral_acceleration_m_s2: FloatArray
-
-
 def respond(
     grid: Grid,
     cars: Sequence[Mapping[str, float]],
     known: Known,
     hidden_rad: FloatArray | None = None,
-) -> list[Response]:
-    """Return what cars with these parameters do on a drive.
+) -> list[list[FloatArray]]:
+    """Return what the sensors show of cars with these parameters, each at its samples.
 
     ``hidden_rad``  what is added to the steering of each, shape (cars, steps)
     """
@@ -133,28 +127,33 @@ def respond(
     numbers = np.array([*map(_numbers_of, params, cars, repeat(grid.step_s))])
     magic = params[0].front[3:] if known.tyre == "magic_formula" else None
     steered = np.atleast_2d(grid.steering_rad + (0.0 if hidden_rad is None else hidden_rad))
-    outputs = np.empty((len(cars), 2, len(grid.time_s)))
     ahead_1_s = known.lateral_acceleration_ahead_m / grid.step_s
     segments = grid.starts, grid.first_yaw_rates_rad_s
-    drive = grid.step_s, ahead_1_s, *segments, grid.speed_m_s, grid.acceleration_m_s2
+    drive = grid.step_s, ahead_1_s, *segments, grid.time_s, grid.speed_m_s, grid.acceleration_m_s2
+    samples_s = np.concatenate([one.time_s for one in grid.judged])
+    bounds = [0, *accumulate(len(one.time_s) for one in grid.judged)]
+    ends_s = np.append(grid.time_s[grid.starts[1:-1]], np.inf)
+    ends = np.array([np.searchsorted(one.time_s, ends_s) for one in grid.judged]).T + bounds[:-1]
+    sensors = np.array([[_sensor_of(one, car) for one in grid.judged] for car in cars])
+    shown = np.empty((len(cars), len(samples_s)))
     for first in range(0, len(cars), LANES):
-        own = outputs[first : first + LANES]
+        own = shown[first : first + LANES]
         # Two vectors have eight lanes, or more: those without a car repeat the last one.
         lanes = -(-len(own) // 8) * 8 if len(own) > 1 else 1
         at = np.minimum(first + np.arange(LANES), len(cars) - 1)
         rows = np.minimum(at[:lanes], len(steered) - 1)
-        _respond(np.take(numbers, at, axis=0).T.ravel(), magic, rows, steered, drive, own)
-    return [Response(grid.time_s, *output) for output in outputs]
+        done = np.tile(bounds[:-1], (len(own), 1))
+        sensed = sensors[first : first + LANES], samples_s, ends, done, own
+        _respond(np.take(numbers, at, axis=0).T.ravel(), magic, rows, steered, drive, sensed)
+    return [[one[a:b] for a, b in pairwise(bounds)] for one in shown]
 
 
-def seen(channel: Channel, response: Response, values: Mapping[str, float]) -> FloatArray:
-    """Return what a sensor shows of a response, at its samples."""
-    name, of_rate = channel.name, channel.quantity is Quantity.YAW_RATE
-    series = response.yaw_rate_rad_s if of_rate else response.lateral_acceleration_m_s2
-    sensed_s = channel.time_s - values.get(f"{name}:delay_s", 0.0)
+def _sensor_of(channel: Channel, values: Mapping[str, float]) -> tuple[float, ...]:
+    """Return which output a sensor shows, its delay, gain and offset."""
+    name, of_side = channel.name, channel.quantity is not Quantity.YAW_RATE
     offset = values.get(f"{name}:offset", values["yaw_rate_offset_rad_s"])
-    shown = np.interp(sensed_s, response.time_s, series)
-    return values.get(f"{name}:gain", 1.0) * shown + offset
+    delay_s, gain = values.get(f"{name}:delay_s", 0.0), values.get(f"{name}:gain", 1.0)
+    return float(of_side), delay_s, gain, offset
 
 
 def _numbers_of(p: CarParams, values: Mapping[str, float], h_s: float) -> tuple[float, ...]:
@@ -186,26 +185,55 @@ def _of_lanes() -> Any:
 
 
 def _of_block() -> Any:
-    """Return a number of each lane in each step of a block, on the stack."""
+    """Return a number of each lane in the step before a block, and in its own, on the stack."""
 
 
 on_stack(_of_lanes, LANES)
-on_stack(_of_block, _BLOCK * LANES)
+on_stack(_of_block, (1 + _BLOCK) * LANES)
+
+
+@register_jitable(**INLINE)
+def _sense(sensed: Any, rates: Any, sides: Any, time_s: Any, block: Any) -> None:
+    """Show the samples between the step before a block and its last one, as ``np.interp`` does."""
+    sensors, samples_s, ends, done, shown = sensed
+    segment, h_s, first, start, last, after = block
+    for i in range(len(shown)):
+        for q in range(sensors.shape[1]):
+            delay_s, gain, offset = sensors[i, q, 1], sensors[i, q, 2], sensors[i, q, 3]
+            outputs = rates if sensors[i, q, 0] == 0.0 else sides
+            row, k = (1 - start) * LANES + i, done[i, q]
+            while k < ends[segment, q]:
+                at_s, j = max(samples_s[k] - delay_s, time_s[first]), last
+                if at_s < time_s[last]:
+                    j = min(first + int((at_s - time_s[first]) / h_s), last - 1)
+                    j += int(time_s[j + 1] <= at_s) - int(time_s[j] > at_s)
+                elif last + 1 < after:
+                    break
+                value = outputs[row + j * LANES]
+                if j < last:
+                    slope = (outputs[row + (j + 1) * LANES] - value) / (time_s[j + 1] - time_s[j])
+                    value += slope * (at_s - time_s[j])
+                shown[i, k] = gain * value + offset
+                k += 1
+            done[i, q] = k
 
 
 @compiled_unchecked
-def _respond(c: Any, magic: Any, rows: Any, steered: Any, drive: Any, outputs: Any) -> None:
+def _respond(c: Any, magic: Any, rows: Any, steered: Any, drive: Any, sensed: Any) -> None:
     """Advance all lanes step by step.
 
-    ``c``      what ``_numbers_of`` returns of each lane, shape (numbers * LANES,)
-    ``magic``  shape and curvature of all tyres; None for Fiala's
-    ``rows``   of ``steered``, shape (lanes,)
+    ``c``       what ``_numbers_of`` returns of each lane, shape (numbers * LANES,)
+    ``magic``   shape and curvature of all tyres; None for Fiala's
+    ``rows``    of ``steered``, shape (lanes,)
+    ``sensed``  of each car what ``_sensor_of`` returns, shape (cars, sensors, 4); when sensors
+                sample, one after the other; of each segment and sensor the sample after its last;
+                of each car and sensor the next one; and what they show, shape (cars, samples)
 
     LLVM takes the lanes as vectors, because it sees that their arrays cannot overlap: they lie on
     the stack, and the numbers of ``c`` at constant distances. The kind of tyre is known when this
     is compiled; a vector would compute both.
     """
-    h_s, ahead_1_s, starts, first_yaw_rates, speed_m_s, acceleration_m_s2 = drive
+    h_s, ahead_1_s, starts, first_yaw_rates, time_s, speed_m_s, acceleration_m_s2 = drive
     lanes = len(rows)
     shape, curvature = (0.0, 0.0) if magic is None else magic
     late, along, share, offset_rad = 20 * LANES, 21 * LANES, 22 * LANES, 23 * LANES
@@ -223,10 +251,12 @@ def _respond(c: Any, magic: Any, rows: Any, steered: Any, drive: Any, outputs: A
         for start in range(first, after, _BLOCK):
             count = min(_BLOCK, after - start)
             for i in range(lanes):
-                part, place = c[along + i], start - int(c[late + i])
+                rates[i], sides[i] = rates[_BLOCK * LANES + i], sides[_BLOCK * LANES + i]
+                part, place, row = c[along + i], start - int(c[late + i]), np.uintp(rows[i])
+                above = steered[row, np.uintp(min(max(place, first), after - 1))]
                 for j in range(count):
-                    below = steered[rows[i], min(max(place + j, first), after - 1)]
-                    above = steered[rows[i], min(max(place + j + 1, first), after - 1)]
+                    below = above
+                    above = steered[row, np.uintp(min(max(place + j + 1, first), after - 1))]
                     measured = (1.0 - part) * below + part * above
                     goals_rad[j * LANES + i] = measured * c[share + i] + c[offset_rad + i]
             for j in range(count):
@@ -243,10 +273,9 @@ def _respond(c: Any, magic: Any, rows: Any, steered: Any, drive: Any, outputs: A
                     bends_m_s2 = front_n[i] * wheel * p.mass_1_kg - v[i] * r[i]
                     inputs = CarInput(wheel, driven_m_s2 + bends_m_s2, 0.0, 0.0, 1.0, 0.0)
                     y = car_step(p, x, inputs, h_s)
-                    rates[j * LANES + i] = r[i]
-                    sides[j * LANES + i] = y.lateral_m_s2 + ahead_1_s * (y.yaw_rate_rad_s - r[i])
+                    turned = y.yaw_rate_rad_s - r[i]
+                    rates[(1 + j) * LANES + i] = r[i]
+                    sides[(1 + j) * LANES + i] = y.lateral_m_s2 + ahead_1_s * turned
                     _, v[i], r[i], front[i], rear[i], a_x[i], _, front_n[i], _, _, _, _ = y
-            for i in range(len(outputs)):
-                for j in range(count):
-                    outputs[i, 0, start + j] = rates[j * LANES + i]
-                    outputs[i, 1, start + j] = sides[j * LANES + i]
+            block = segment, h_s, first, start, start + count - 1, after
+            _sense(sensed, rates, sides, time_s, block)

@@ -68,8 +68,9 @@ def identified_car(found: Identification) -> Driven:
     def drive(wheel_rad: FloatArray, speed_m_s: float) -> tuple[FloatArray, FloatArray]:
         time_s, still = STEP_S * np.arange(len(wheel_rad)), np.zeros_like(wheel_rad)
         speed, ends = np.full_like(wheel_rad, speed_m_s), np.array([0, len(wheel_rad)])
-        driven = Grid((), STEP_S, ends, still[:1], time_s, wheel_rad, speed, still, still[:0])
-        return respond(driven, [values], known)[0].yaw_rate_rad_s, speed
+        every = (Channel("each step", Quantity.YAW_RATE, time_s, still),)
+        driven = Grid(every, STEP_S, ends, still[:1], time_s, wheel_rad, speed, still, still[:0])
+        return respond(driven, [values], known)[0][0], speed
 
     return drive
 

@@ -9,11 +9,12 @@ from scipy.signal import coherence, csd
 
 from steer_by_wire.closed_loop.identification.figures import Verdict
 from steer_by_wire.closed_loop.identification.identified import Doubt, Identification
-from steer_by_wire.closed_loop.identification.response import STEP_S, Response, respond, seen
+from steer_by_wire.closed_loop.identification.response import STEP_S, respond
 from steer_by_wire.closed_loop.identification.time_series import Quantity
 from steer_by_wire.closed_loop.identification.vehicle_file import shown
 from steer_by_wire.closed_loop.reports.page import Cell, Picture, Section, Table, number, page
 from steer_by_wire.closed_loop.reports.plot_style import plot_style, png_of
+from steer_by_wire.runtime.array_types import FloatArray
 
 _MARKS = {Verdict.IDENTIFIED: "good", Verdict.COMBINATION: "fair", Verdict.NOT_IDENTIFIABLE: "poor"}
 _UNITS = {Quantity.YAW_RATE: "rad/s", Quantity.LATERAL_ACCELERATION: "m/s²"}
@@ -32,7 +33,7 @@ def report_html(
         for one in found.figures
     ]  # fmt: skip
     headings = ["", "value", "95 %", "unit", "verdict", ""]
-    (response,) = respond(found.fit.grid, [found.fit.values], found.fit.problem.known)
+    (simulated,) = respond(found.fit.grid, [found.fit.values], found.fit.problem.known)
     ways = (
         "Delays are from the wheel's angle to the yaw rate, those of further sensors after it, and"
         " those of the actuator from the command to the wheel's angle."
@@ -51,22 +52,22 @@ def report_html(
         Section(
             "Measured over simulated",
             [f"Residual of yaw rate: {found.fit.residual_percent:.2f} %"],
-            [_response_picture(found, response)], [Table(["test", "result"], tests)], found.notes,
+            [_response_picture(found, simulated)], [Table(["test", "result"], tests)], found.notes,
         ),
-        Section("Frequency response", [frequency], [_frequency_picture(found, response)]),
+        Section("Frequency response", [frequency], [_frequency_picture(found, simulated[0])]),
         Section("What to drive next", [plan], [_plan_picture(asks_for_slow)]),
     ]  # fmt: skip
     return page(f"Car identified from {source}", sections)
 
 
-def _response_picture(found: Identification, response: Response) -> Picture:
-    values, judged = found.fit.values, found.fit.grid.judged
+def _response_picture(found: Identification, simulated: Sequence[FloatArray]) -> Picture:
+    judged = found.fit.grid.judged
     with plot_style():
         canvas = Canvas(figsize=(9.0, 2.6 * len(judged)))
         panels = canvas.subplots(len(judged), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, sensor in zip(panels, judged, strict=True):
+        for axes, sensor, values in zip(panels, judged, simulated, strict=True):
             axes.plot(sensor.time_s, sensor.values, label="measured")
-            axes.plot(sensor.time_s, seen(sensor, response, values), label="simulated")
+            axes.plot(sensor.time_s, values, label="simulated")
             name = _UNIT_OF_NAME.sub("", sensor.name).replace("_", " ")
             axes.set_ylabel(f"{name} [{_UNITS[sensor.quantity]}]", fontsize=8)
         panels[0].legend(ncols=2)
@@ -74,13 +75,13 @@ def _response_picture(found: Identification, response: Response) -> Picture:
     return Picture(png_of(canvas), "measured and simulated over time")
 
 
-def _frequency_picture(found: Identification, response: Response) -> Picture:
+def _frequency_picture(found: Identification, rates_rad_s: FloatArray) -> Picture:
     grid, every = found.fit.grid, round(_PERIOD_S / STEP_S)
     rate = grid.judged[0]
     longest = int(np.argmax(np.diff(grid.starts)))
     part = slice(grid.starts[longest], grid.starts[longest + 1], every)
-    steering, simulated = grid.steering_rad[part], response.yaw_rate_rad_s[part]
-    measured = np.interp(grid.time_s[part], rate.time_s, rate.values)
+    steering, at_s = grid.steering_rad[part], grid.time_s[part]
+    measured, simulated = (np.interp(at_s, rate.time_s, one) for one in (rate.values, rates_rad_s))
     options = {"fs": 1.0 / _PERIOD_S, "nperseg": min(round(_WINDOW_S / _PERIOD_S), len(steering))}
     hz, own = csd(steering, steering, **options)
     inside = (hz > 0.1) & (hz < _HZ_MAX)

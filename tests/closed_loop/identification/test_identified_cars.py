@@ -56,25 +56,26 @@ def test_each_of_several_cars_has_the_bits_of_its_own(tyre: str) -> None:
     speed = np.concatenate((np.linspace(0, 9, 100), np.linspace(20, -5, 400).clip(0.0)))
     inputs = 20.0 * rng.uniform(-1.0, 1.0, 500), speed, np.gradient(speed, STEP_S)
     starts, rates = np.array([0, 100, 500]), np.array([0.1, -0.1])
-    grid = Grid((), STEP_S, starts, rates, time_s, *inputs, np.empty((0, 500)))
+    every = tuple(Channel(one, one, time_s, time_s) for one in (Quantity.YAW_RATE, Quantity(SIDE)))
+    grid = Grid(every, STEP_S, starts, rates, time_s, *inputs, np.empty((0, 500)))
     wide = coarse(grid._replace(steering_rad=time_s + STEP_S))
     np.testing.assert_allclose(wide.steering_rad, wide.time_s + wide.step_s)
     late = [drawn_car(rng) for _ in range(LANES + 3)]
-    for car, response in zip(late, respond(grid, late, known), strict=True):
-        np.testing.assert_array_equal(response, respond(grid, [car], known)[0])
+    for car, shown in zip(late, respond(grid, late, known), strict=True):
+        np.testing.assert_array_equal(shown, respond(grid, [car], known)[0])
     cars = [car | {"lag_squared_s2": 0.0, "delay_and_lag_s": 0.0} for car in late]
-    for car, response in zip(cars, respond(grid, cars, known), strict=True):
+    for car, (rate, side) in zip(cars, respond(grid, cars, known), strict=True):
         p, ratio = car_params(*car_tables(car, known)), car["steering_ratio"]
         for step, (steering_rad, u, driven_m_s2) in enumerate(zip(*inputs, strict=True)):
             if step in starts:
                 x = CarState(u, 0.0, rates[step // 100], *[0.0] * 9)
             _, v, r, *_, force_n, _, _, _, _ = x
-            assert response.yaw_rate_rad_s[step] == r
+            assert rate[step] == r + car["yaw_rate_offset_rad_s"]
             wheel_rad = steering_rad * (1.0 / ratio) + car["steering_offset_rad"] / ratio
             bends_m_s2 = force_n * wheel_rad * p.mass_1_kg - v * r
             acts = CarInput(wheel_rad, driven_m_s2 + bends_m_s2, 0.0, 0.0, 1.0, 0.0)
             x = car_step(p, x._replace(speed_m_s=u), acts, STEP_S)
-            assert response.lateral_acceleration_m_s2[step] == x.lateral_m_s2
+            assert side[step] == car[f"{SIDE}:gain"] * x.lateral_m_s2 + car[f"{SIDE}:offset"]
 
 
 @pytest.mark.parametrize("seed", range(3))

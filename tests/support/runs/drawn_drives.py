@@ -111,13 +111,12 @@ def log_of(
     ends, driven = np.array([0, len(steps)]), (speed_m_s, np.gradient(speed_m_s, STEP_S))
     time_s = steps * STEP_S
     at_ends = np.append(wheel[1:], wheel[-1:])
-    grid = Grid((), STEP_S, ends, np.zeros(1), time_s, at_ends, *driven, np.empty(0))
-    (response,) = respond(grid, [still], Known())
+    side = Quantity.LATERAL_ACCELERATION
+    every = tuple(Channel(one, one, time_s, time_s) for one in (Quantity.YAW_RATE, side))
+    grid = Grid(every, STEP_S, ends, np.zeros(1), time_s, at_ends, *driven, np.empty(0))
+    ((yaw_rate, side_m_s2),) = respond(grid, [still], Known())
     # The sensor's steps lie anywhere: straight on is within one, and not in its middle.
     zero_rad = float(rng.uniform(-0.5, 0.5)) * _STEP_RAD
-    side = Quantity.LATERAL_ACCELERATION
-    yaw_rate = response.yaw_rate_rad_s + car["yaw_rate_offset_rad_s"]
-    side_m_s2 = car[f"{side}:gain"] * response.lateral_acceleration_m_s2 + car[f"{side}:offset"]
     at_s, channels = np.arange(0.0, time_s[-1], PERIOD_S), list[Channel]()
     for quantity, values, noise, quantum in (
         (Quantity.HAND_WHEEL, steering_rad + zero_rad, 0.0, _STEP_RAD),
