@@ -35,6 +35,7 @@ from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument
 from steer_by_wire.dbc.edge import add_key_file_argument, read_edge_options
 from steer_by_wire.dbc.secoc.key_file import read_key
+from steer_by_wire.hand_wheel.program import QUANTITIES as OF_HAND_WHEEL
 from steer_by_wire.hand_wheel.program import write_hand_wheel_trace
 from steer_by_wire.hand_wheel.settings import PRESETS as HAND_WHEEL_PRESETS
 from steer_by_wire.hand_wheel.settings import HandWheelSettings
@@ -298,8 +299,10 @@ def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
 def _hand_wheel(options: argparse.Namespace) -> HandWheelSettings | None:
     own = of_side(options.overrides, HAND_WHEEL_SIDE)
     if options.hand_wheel is None:
-        if own:
-            raise SettingsError(f"--set {HAND_WHEEL_SIDE}.{own[0]}: add --hand-wheel too")
+        needs_one = [f"--set {HAND_WHEEL_SIDE}.{text}" for text in own]
+        needs_one += [f"--fail-if {c.name}" for c in options.fail_if if c.name in OF_HAND_WHEEL]
+        if needs_one:
+            raise SettingsError(f"{needs_one[0]}: add --hand-wheel too")
         return None
     node = HAND_WHEEL_SIDE.replace("_", " ")
     return load_settings(HandWheelSettings, None, options.hand_wheel, own, node=node)

@@ -90,6 +90,7 @@ REFUSED = {
     "run --preset practical_pdd": "no preset 'practical_pdd' (did you mean practical_pd?)",
     "run --rest-bus none.dbc": "rest_bus: none.dbc: No such file",
     "run --set hand_wheel.cycle_ms=5": "add --hand-wheel too",
+    "run --fail-if 'wheel_amplitude_rad > 0'": "add --hand-wheel too",
     "run --set plant.vehicle.speed_m_s=-3": "line, plant: vehicle.speed_m_s = -3 should",
     "run --set latency.downlink.mean_s=0.1": (
         "argument --set: 'latency.downlink.mean_s=0.1' begins with none of plant., controller. and"
