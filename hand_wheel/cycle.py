@@ -72,15 +72,18 @@ class CycleInput(NamedTuple):
     share: float
 
 
-def own_motion_rad(
-    angle_rad: float, hands: Hands, driver_alone: bool, followed_rad: float
-) -> float:
-    """Return the wheel's angle less the one that it is meant to have.
+def own_motion(
+    angle_rad: float, hands: Hands, driver_alone: bool, followed_rad: float, curvature_1_m: float
+) -> tuple[float, float]:
+    """Return the wheel's angle less the one that it is meant to have, and the path it follows.
 
-    That is the one of the driver's wish, or ``followed_rad`` unless the driver steers alone.
+    The angle is that of the driver's wish, or ``followed_rad`` unless the driver steers alone. The
+    curvature is 0 where he does and wishes none: then no bend turns the wheel.
     """
+    if not driver_alone:
+        return angle_rad - followed_rad, curvature_1_m
     wished_rad = hands.wished_rad if hands.grip.stiffness_n_m != 0.0 else 0.0
-    return angle_rad - (wished_rad if driver_alone else followed_rad)
+    return angle_rad - wished_rad, curvature_1_m if wished_rad != 0.0 else 0.0
 
 
 CYCLE_AT_REST = CycleState(

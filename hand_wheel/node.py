@@ -41,7 +41,7 @@ from ..runtime.node import NEVER_NS, NS_PER_S, View
 from ..runtime.node.overruns import OverrunSupervision, overrun_rule
 from ..runtime.node.periodic import PeriodicTimer
 from ..runtime.node.statistics import DurationStatistics
-from .cycle import CYCLE_AT_REST, CycleInput, cycle_step, own_motion_rad
+from .cycle import CYCLE_AT_REST, CycleInput, cycle_step, own_motion
 from .driver import HANDS_OFF, Sight, kicks_n_m
 from .feedback_laws import FEEDBACK_LAWS
 from .modes import FeedbackMode, feedback_mode_step, good_message
@@ -355,8 +355,10 @@ class HandWheelNode:
         angle_rad, rate_rad_s, motor_n_m, driver_n_m, *_ = self._wheel
         alone = self._steered_by is SteeredBy.DRIVER
         followed_rad = self._ratio * self._wheel_rad
-        self._window.append(own_motion_rad(angle_rad, self._cycle.hands, alone, followed_rad))
-        self._curvatures_1_m.append(self._sight.curvature_1_m)
+        hands, curvature_1_m = self._cycle.hands, self._sight.curvature_1_m
+        motion_rad, bend_1_m = own_motion(angle_rad, hands, alone, followed_rad, curvature_1_m)
+        self._window.append(motion_rad)
+        self._curvatures_1_m.append(bend_1_m)
         self._peak_rad = max(self._peak_rad, abs(angle_rad))
         self._peak_n_m = max(self._peak_n_m, abs(driver_n_m))
         if self._samples_left > 0:

@@ -1,14 +1,15 @@
 """Whether the hand wheel shakes: its own motion at the end of a run, without what is slow in it.
 
-Its own motion is that of ``cycle.own_motion_rad``.
+Its own motion is that of ``cycle.own_motion``.
 
 The last WINDOW_S are taken in two halves. In each, a straight line is fitted, and what is left has
 the amplitude √2 times its RMS. The wheel shakes if the amplitude of the second half is more than
 AMPLITUDE_RAD and not much less than that of the first, and if it swings at least twice there.
 
-Where the path has bent in this time, the wheel turns with it. Its course, a mean over SLOW_S taken
-twice, is then removed first, and it must swing SWINGS_IN_BEND times: no path asks for that, but a
-wheel that shakes more slowly than some 0.4 Hz is then not told from one that follows a bend.
+Where the path that it follows has bent in this time, the wheel turns with it. Its course, a mean
+over SLOW_S taken twice, is then removed first, and it must swing SWINGS_IN_BEND times: no path asks
+for that, but a wheel that shakes more slowly than some 0.4 Hz is then not told from one that
+follows a bend. A wheel that no one turns along the path follows none.
 """
 
 from collections.abc import Mapping, Sequence

@@ -32,7 +32,7 @@ from ...hand_wheel.cycle import (
     CycleParams,
     CycleState,
     cycle_step,
-    own_motion_rad,
+    own_motion,
 )
 from ...hand_wheel.driver import Sight
 from ...hand_wheel.feedback_laws import FEEDBACK_LAWS
@@ -80,7 +80,7 @@ _ORDER_N_M = resolutions(HandWheelFeedback)["feedback_torque_n_m"]
 _RATIO = resolutions(HandWheelFeedback)["steering_ratio"]
 
 
-register(cycle_step, wheel_step, steering_step, assist_n_m, own_motion_rad)
+register(cycle_step, wheel_step, steering_step, assist_n_m, own_motion)
 register(heard_step, driver_steers)
 for _motion in MOTIONS.values():
     register(_motion.rack_force_n, _motion.is_limited)
@@ -331,8 +331,9 @@ def _run_cycle(w: Wheel, r: Any, x: WheelProgress, cycle: int) -> WheelProgress:
     w.samples[0, cycle], w.samples[1, cycle] = wheel.angle_rad, wheel.rate_rad_s
     w.samples[2, cycle], w.samples[3, cycle] = wheel.driver_torque_n_m, wheel.motor_n_m
     alone, followed_rad = w.steered_by[tick] == _DRIVER, w.ratio * road_wheel_rad
-    w.samples[4, cycle] = own_motion_rad(wheel.angle_rad, state.hands, alone, followed_rad)
-    w.samples[5, cycle] = curvature_1_m
+    w.samples[4, cycle], w.samples[5, cycle] = own_motion(
+        wheel.angle_rad, state.hands, alone, followed_rad, curvature_1_m
+    )
     rested = cycle + 1 if state.driver.rests else x.rested
     return WheelProgress(x.event + 1, wheel, state, rested, x.plant, x.who)
 

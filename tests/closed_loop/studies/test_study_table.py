@@ -103,7 +103,6 @@ def test_a_row_of_a_sweep_is_the_run_of_simulate(
 def test_rows_with_a_hand_wheel_are_runs_of_simulate(engine: Any) -> None:
     draw, given = random.Random(61), {"plant": "highway_nominal", "controller": "highway_pd"}
     fixed = {"controller.hand_wheel.steered_by": "driver", "plant.latency.downlink.mean_s": 0.03}
-    fixed["plant.path.kind"] = "straight"  # a bend hides what shakes as slowly as this
     over: dict[str, Any] = {
         "hand_wheel": draw.sample(preset_names("steer_by_wire.hand_wheel.presets"), 2),
         "hand_wheel.feedback.law": ["rack_force", draw.choice(["spring", "model", "cdob"])],
