@@ -10,11 +10,11 @@ only the first of such rows is a sample.
 from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from fractions import Fraction
-from math import sqrt
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from ...runtime.array_types import FloatArray, IntArray
 from ...runtime.settings import SettingsError
@@ -30,8 +30,9 @@ PAUSE_S = 10.0
 SEGMENT_S_MIN = 2.0
 SPEED_M_S_MIN = 1.0
 """Slower driving is left out: it tells nothing of tyres."""
-_EVEN_SAMPLES, _SAMPLES_MIN = 1000, 20
-"""That are taken as even: a clock may drift from one such stretch to the next."""
+_SAMPLES_MIN, _EVEN_SAMPLES_MAX, _STEADY_SAMPLES = 20, 10_000, 1001
+"""Of a stretch that is taken as even: a clock's rate may drift, but the mean of the jitter, which
+moves all of its times, is small in a long one. In the last a wrong rate hardly moves the phase."""
 _JITTER_S = 2e-4
 _FAR_QUANTA, _HELD_SHARE = 3.0, 0.98
 """A value that moves so far changes in each row, unless its sensor is slower; chosen."""
@@ -171,14 +172,20 @@ def evened(channel: Channel, period_s: float) -> tuple[Channel, float]:
     taken, and otherwise the log's own, with a deviation of 0.
     """
     time_s, values = channel.time_s, channel.values
-    ends = np.union1d(channel.gaps() + 1, np.arange(_EVEN_SAMPLES, len(time_s), _EVEN_SAMPLES))
-    even_s = np.concatenate([_even_s(part, period_s) for part in np.split(time_s, ends)])
+    parts = np.split(time_s, channel.gaps() + 1)
+    stretches = [
+        it for one in parts for it in np.array_split(one, -(-len(one) // _EVEN_SAMPLES_MAX))
+    ]
+    even_s = np.concatenate([_even_s(one, period_s) for one in stretches])
     # Two stretches may disagree by a sample where they meet.
     kept = np.diff(np.maximum.accumulate(even_s), prepend=-np.inf) > 0.5 * period_s
     even_s, came_s, values = even_s[kept], time_s[kept], values[kept]
     if _roughness(even_s, values) >= _roughness(came_s, values):
         return channel, 0.0
-    return channel._replace(time_s=even_s, values=values), float(np.std(came_s - even_s))
+    jitter_s = float(np.std(came_s - even_s))
+    mean_s = jitter_s / sqrt(min(len(values), _EVEN_SAMPLES_MAX))
+    even = channel._replace(time_s=even_s, values=values)
+    return even._replace(unsure_s=hypot(even.unsure_s, mean_s)), jitter_s
 
 
 def _even_s(time_s: FloatArray, period_s: float) -> FloatArray:
@@ -191,7 +198,8 @@ def _even_s(time_s: FloatArray, period_s: float) -> FloatArray:
     if since_s[-1] > (count[-1] + 0.5) * period_s:
         # Some are lost. No sample comes early: one that is late has the number before the next's.
         turns = since_s / period_s
-        usual = np.angle(np.mean(np.exp(2j * np.pi * turns))) / (2.0 * np.pi)
+        around = uniform_filter1d(np.exp(2j * np.pi * turns), _STEADY_SAMPLES)
+        usual = np.unwrap(np.angle(around)) / (2.0 * np.pi)
         late = np.floor(turns - usual + 0.4) - count
         count = count + np.minimum.accumulate(late[::-1])[::-1]
     slope_s, start_s = np.polyfit(count, time_s, 1)

@@ -39,11 +39,10 @@ def one_car(seed: int) -> Row:
     delays_s = {"lateral_acceleration_m_s2": rng.uniform(0.01, 0.08)}
     network = rng.uniform(0.0, 0.004), rng.uniform(0.0, 0.03)
     drawn = log_of(car, *drive, rng, delays_s=delays_s, knows=knows, network=network)
-    row = {"seed": seed, "prescribed": is_prescribed, "knows": knows}
-    return row | told(drawn.channels, drawn.known, drawn.truth)
+    return {"seed": seed, "prescribed": is_prescribed, "knows": knows} | told(*drawn)
 
 
-def told(channels: list[Channel], known: Known, parameters: Mapping[str, float]) -> Row:
+def told(channels: list[Channel], parameters: Mapping[str, float], known: Known) -> Row:
     """Return what a log tells: each figure with its truth."""
     try:
         found = identify(make_drive(channels, "log"), known)
@@ -53,7 +52,7 @@ def told(channels: list[Channel], known: Known, parameters: Mapping[str, float])
     bounds = figures_of(found.fit._replace(covariance=found.fit.plain, critical=1.96), None)
     fisher = {one.name: one.high - one.low for one in bounds}
     figures = {
-        one.name: one._asdict() | {"truth": truth[one.name], "fisher": fisher[one.name]}
+        one.name: one._asdict() | {"truth": truth[one.name], "fisher": fisher.get(one.name)}
         for one in found.figures
         if one.name in truth
     }

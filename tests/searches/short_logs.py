@@ -67,7 +67,7 @@ def one_log(seed: int) -> Row:
             **car.model_dump(include={"cg_height_m", "drive_front"}),
         )  # fmt: skip
     row = {"seed": seed, "preset": preset, "controller": controller, **settings}
-    return row | told(channels, known, truth)
+    return row | told(channels, truth, known)
 
 
 if __name__ == "__main__":

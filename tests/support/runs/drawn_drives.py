@@ -63,7 +63,8 @@ def prescribed(car: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
     speed = np.interp(time_s, [0, 3, 32, 40, 70], [11.0, 16.7, 16.7, 22.2, 22.2])
     sweep_s = np.clip(time_s - 4.0, 0.0, 26.0)
     phase = 2.0 * np.pi * 0.2 * 26.0 / np.log(15.0) * (15.0 ** (sweep_s / 26.0) - 1.0)
-    a_y = 4.0 * np.where((time_s > 4.0) & (time_s < 30.0), np.sin(phase), 0.0)
+    # No driver turns a wheel at once, and no sensor of 100 Hz would show when.
+    a_y = 4.0 * np.sin(phase) * np.clip((30.0 - time_s) / 0.2, 0.0, 1.0)
     for start_s, end_s, level in ((41, 44, 3.0), (46, 49, -3.5), (51, 53, 2.0)):
         ramp = np.clip((time_s - start_s) / 0.2, 0, 1) - np.clip((time_s - end_s) / 0.2, 0, 1)
         a_y = a_y + level * ramp
