@@ -7,7 +7,7 @@ measures, and does without the delay where they differ.
 from ...controller.node.report_in_words import sparse_measurements
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.node import NS_PER_S
+from ...runtime.node import NS_PER_MS, NS_PER_S
 
 
 def with_period_of(plant: PlantSettings, controller: ControllerSettings) -> ControllerSettings:
@@ -25,6 +25,12 @@ def pair_warnings(plant: PlantSettings, controller: ControllerSettings) -> list[
         warnings.append(
             f"link.sensor_period_ms = {plant.sensor_period_ms:g}, as the plant has it, and not"
             f" {controller.link.sensor_period_ms:g}: law {controller.law} reads every sample"
+        )
+    oldest_ns = controller.age_limits.lateral_error_ns
+    if plant.sensor_period_ns > oldest_ns:
+        warnings.append(
+            f"the plant measures every {plant.sensor_period_ms:g} ms, and the controller steers by"
+            f" no measurement older than {oldest_ns / NS_PER_MS:g} ms (supervision)"
         )
     if sparse := sparse_measurements(controller, plant.sensor_period_ns / NS_PER_S):
         warnings.append(sparse)

@@ -40,6 +40,7 @@ _UNITS = (
     (r"mph|mi/h", "mph"),
     (r"deg/s|°/s|deg/sec", "deg/s"),
     (r"^deg|^°", "deg"),
+    (r"^(rad|m/s)", "SI"),
 )
 _DEFAULT_UNITS = {Quantity.SPEED: "km/h", Quantity.YAW_RATE: "deg/s"}
 
@@ -91,9 +92,10 @@ def _guesses(message: Message) -> Iterator[Guess]:
     for signal in message.signals:
         quantity = _quantity_in(signal)
         if quantity is not None:
-            unit = _unit_of(signal) or _DEFAULT_UNITS.get(quantity, "deg")
-            said = f"unit {signal.unit!r}" if signal.unit else f"no unit, {unit} assumed"
-            yield Guess(signal, quantity, unit, f"by its name, {said}")
+            unit, assumed = _unit_of(signal), _DEFAULT_UNITS.get(quantity, "deg")
+            said = f"unit {signal.unit!r}" if signal.unit else "no unit"
+            said += "" if unit else f", {assumed} assumed"
+            yield Guess(signal, quantity, unit or assumed, f"by its name, {said}")
 
 
 def _quantity_in(signal: Signal) -> Quantity | None:

@@ -37,6 +37,8 @@ def test_only_a_law_that_reads_samples_takes_its_plants_period(name: str) -> Non
         assert not differs or agreed.link.sensor_period_ms == 50.0
         said = [line for line in pair_warnings(plant, controller) if "link.sensor" in line]
         assert bool(said) == differs
+    rare = plant_preset("paper_nominal", ["sensor_period_ms=500"])
+    assert "steers by no measurement older than" in "".join(pair_warnings(rare, controller))
 
 
 def test_a_predictor_with_slow_sensors_predicts(capsys: pytest.CaptureFixture[str]) -> None:

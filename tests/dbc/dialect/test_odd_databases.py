@@ -38,10 +38,11 @@ def mapped(folder: Path, text: str, encoding: str = "cp1252") -> tuple[str, Dial
 
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-8-sig", "utf-16"])
 def test_a_database_is_read_with_any_byte_order_mark(tmp_path: Path, encoding: str) -> None:
-    text = CAR.replace('"deg" CAM', '"°" CAM')
+    text = CAR.replace('"deg" CAM', '"°" CAM').replace('"deg" EPS', '"rad" EPS')
     mapping, dialect = mapped(tmp_path, text, encoding)
     assert [one.name for one in dialect.messages] == ["LKAS_CMD", "STEERING"]
     assert "by its name, unit '°'" in mapping
+    assert """unit = "SI", ratio = 15.0 }  # guess: by its name, unit 'rad'""" in mapping
 
 
 def test_one_signed_bit_is_1_on_the_wire(tmp_path: Path) -> None:

@@ -77,6 +77,7 @@ REFUSED = {
     "run --controller-command './mine \"'": "'./mine \"': No closing quotation",
     "run --controller-command true --key-file k": "--key-file: a run with --controller-command",
     "run --dialect none --key-file k": "--dialect takes no --key-file",
+    "run --dialect none.toml": "error: none.toml: cannot be read: No such file",
     "run --durations 3": "unrecognized arguments: --durations (did you mean --dur",
     "run --hand-wheel still --set hand_wheel.cycle_ms=50": "line, hand wheel: cycle_ms = 50 should",
     "run --hand-wheel still --set plant.hand_wheel.steering_ratio=18": "hand_wheel has 16, plant.",

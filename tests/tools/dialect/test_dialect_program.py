@@ -83,10 +83,3 @@ def test_a_law_that_reads_what_the_car_lacks_is_refused(
         " no signal carries preview_curvature_1_m, yaw_rate_rad_s\n"
     )
     assert run([*words, "--law", "pd"]) == ExitStatus.OK
-
-
-def test_a_dialect_that_is_not_there_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["--dialect", "no_such.toml"]) == ExitStatus.SETTINGS
-    said = capsys.readouterr().err
-    assert "no_such.toml" in said
-    assert said.count("\n") == 1
