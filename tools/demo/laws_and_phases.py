@@ -12,7 +12,13 @@ from rich.table import Table
 
 from ...closed_loop.pair.pair_result import PairResult, Trace, rms
 from ...controller.settings import ControllerSettings, controller_preset
-from ...plant_emulator.evaluation.run_verdict import Peaks, RunEnd, Verdict, judge
+from ...plant_emulator.evaluation.run_verdict import (
+    SHORTEST_RUN_S,
+    Peaks,
+    RunEnd,
+    Verdict,
+    judge,
+)
 from ...plant_emulator.network.settings import SchedulePoint
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import load_settings, read_preset
@@ -156,7 +162,8 @@ def story_table(results: Sequence[LawResult], phases: Sequence[Phase]) -> Table:
 
 def _cell(figures: PhaseFigures) -> str:
     """Return the error of a phase; where the path is not held, its size says nothing."""
-    return _mm(figures.rms_m) if figures.holds else "lost"
+    knows = figures.holds or figures.verdict is Verdict.TOO_SHORT
+    return _mm(figures.rms_m) if knows else "lost"
 
 
 def verdict_line(results: Sequence[LawResult]) -> str:
@@ -166,6 +173,8 @@ def verdict_line(results: Sequence[LawResult]) -> str:
         for result in results
         for pair in zip(result.live_phases, result.virtual_phases, strict=True)
     ]
+    if any(live.verdict is Verdict.TOO_SHORT for live, _ in pairs):
+        return f"verdict: too short: phases of less than {SHORTEST_RUN_S:g} s show nothing"
     alike = sum(live.holds == virtual.holds for live, virtual in pairs)
     held = [(live.rms_m, virtual.rms_m) for live, virtual in pairs if live.holds and virtual.holds]
     differ_m = max((abs(live_m - virtual_m) for live_m, virtual_m in held), default=0.0)

@@ -78,8 +78,8 @@ def test_every_pair_leaves_a_log_of_every_message_and_can_be_run_again(out: Path
 
 
 def judged(verdicts: str, rms_m: float = 0.01) -> tuple[PhaseFigures, ...]:
-    """Return a phase for each letter: h holds, l is a limit cycle."""
-    of = {"h": Verdict.HOLDS, "l": Verdict.LIMIT_CYCLE}
+    """Return a phase for each letter: h holds, l is a limit cycle, t too short."""
+    of = {"h": Verdict.HOLDS, "l": Verdict.LIMIT_CYCLE, "t": Verdict.TOO_SHORT}
     return tuple(PhaseFigures(rms_m, 2.0 * rms_m, of[letter]) for letter in verdicts)
 
 
@@ -93,6 +93,7 @@ def test_the_verdict_compares_the_bus_with_virtual_time() -> None:
     verdict = verdict_line(results)
     assert verdict.startswith("verdict: in 5 of 6 phases")
     assert verdict.endswith("the RMS errors differ by 2.0 mm at most")
+    assert "too short: phases of less than 1 s" in verdict_line([result_of("ht", "ht")])
 
 
 def test_all_laws_hold_what_they_are_designed_for_and_only_the_predictor_more() -> None:
