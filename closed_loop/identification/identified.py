@@ -16,7 +16,7 @@ from ...runtime.settings import SettingsError
 from ..pair.pair_result import rms
 from .figures import Figure, figures_of, half_of
 from .fit import Fit, Progress, Stopped, fit, is_white, quiet, refit, samples_alike
-from .parameters import FRICTION_MAX, Known, problem_of
+from .parameters import FRICTION_MAX, Known, Problem, problem_of, wheel_over_turning_m
 from .response import grid_of
 from .time_series import Drive, Quantity
 
@@ -31,8 +31,11 @@ _SHIFT_S = 0.008
 _BETTER = 0.9
 _NEUTRAL_PERCENT = 10.0
 """Of understeer, the small difference of two slips: below, it is not known in % of itself."""
-_RATIO_MIN, _RATIO_MAX = 3.0, 40.0
+_RATIO_MIN, _RATIO_USUAL, _RATIO_MAX = 3.0, 16.0, 40.0
 """Of steering ratios, karts and lorries included; chosen."""
+_TIMES_MAX, _ALIKE = 15.0, 0.3
+"""By which turning and wheel may differ, as degrees are 57 times radians; and their correlation
+where the wheel makes the car turn, and no wind; chosen."""
 
 
 class Doubt(NamedTuple):
@@ -59,8 +62,8 @@ class Identification(NamedTuple):
 def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identification:
     """Return what a drive tells; raises SettingsError where no car of this model explains it."""
     notes, grid = list(drive.notes), grid_of(drive)
-    _refuse_wrong_unit_or_sign(drive)
     problem = problem_of(drive, known)
+    _refuse_wrong_unit_or_sign(drive, problem)
     found, found_all = fit(problem.seeking(), grid, progress), None
     rates = _of_rates(drive)
     if found.is_coloured and problem.assumed:
@@ -179,8 +182,8 @@ def _cross_correlation(errors: FloatArray, steering: FloatArray) -> float:
     return float(np.abs(later).max() / np.sqrt((e @ e) * (u @ u)))
 
 
-def _refuse_wrong_unit_or_sign(drive: Drive) -> None:
-    """Refuse what turns harder than any tyre holds, or against the wheel; raises SettingsError."""
+def _refuse_wrong_unit_or_sign(drive: Drive, problem: Problem) -> None:
+    """Refuse turning that no tyre holds, or does not go with the wheel; raises SettingsError."""
     (steer, speed), rate = drive.at_yaw_rates(), drive.outputs[0].values
     side_m_s2 = float(np.quantile(np.abs(speed * rate), 0.99))
     if side_m_s2 > FRICTION_MAX * GRAVITY_M_S2:
@@ -189,11 +192,23 @@ def _refuse_wrong_unit_or_sign(drive: Drive) -> None:
             f" {FRICTION_MAX * GRAVITY_M_S2:.0f}: one of them has a wrong unit, as km/h or deg/s"
             " (unit in --columns)"
         )
-    if np.corrcoef(speed * (steer - steer.mean()), rate)[0, 1] < -0.2:
+    alike = float(np.corrcoef(speed * (steer - steer.mean()), rate)[0, 1])
+    if alike < -0.2:
         raise SettingsError(
             "the yaw rate goes against the wheel: one of them has a wrong sign, as both are"
             " positive to the left (factor = -1 in --columns), or the car spins: leave that out by"
             " --from and --to"
+        )
+    ratio = problem.held.get("steering_ratio", _RATIO_USUAL)
+    wheelbase_m = problem.values(problem.start)["wheelbase_m"]
+    times = wheel_over_turning_m(drive) / (ratio * wheelbase_m)
+    if alike > _ALIKE and not 1.0 / _TIMES_MAX < times < _TIMES_MAX:
+        wheel, car = drive.steering.name, drive.outputs[0].name
+        much, other, unit = (wheel, car, "deg") if times > 1.0 else (car, wheel, "deg/s")
+        raise SettingsError(
+            f"{much} is some {max(times, 1.0 / times):.0f} times what {other} says of a car whose"
+            f" steering ratio is {ratio:.3g} and wheelbase {wheelbase_m:.3g} m: is it in {unit}"
+            " (57 times)? Name its unit in --columns, or tell ratio and wheelbase by --known"
         )
 
 

@@ -164,6 +164,7 @@ def problem_of(drive: Drive, known: Known) -> Problem:
     def unsure_s(other: Channel) -> float:
         return float(np.hypot(drive.outputs[0].unsure_s, other.unsure_s))
 
+    turning_ratio = wheel_over_turning_m(drive) / wheelbase_m
     c_max = min(150.0, _STIFFNESS_N_RAD_MAX / GRAVITY_M_S2 / (known.mass_kg or MASS_KG))
     parameters = [
         _log("wheelbase_m", 0.1, 15.0, wheelbase_m),
@@ -174,7 +175,7 @@ def problem_of(drive: Drive, known: Known) -> Problem:
         _log("relaxation_m", 0.005, 4.0, 0.4),
         Parameter("delay_and_lag_s", -0.15, 0.9, 0.03, 0.02, unsure=unsure_s(drive.steering)),
         Parameter("lag_squared_s2", 0.0, 0.36, 4e-4, 4e-4),
-        _log("steering_ratio", 0.2, 80.0, _ratio_from_turning(drive, wheelbase_m)),
+        _log("steering_ratio", 0.2, 80.0, float(np.clip(0.8 * turning_ratio, 0.3, 70.0))),
         Parameter("steering_offset_rad", -1.0, 1.0, 0.0, 0.005),
         Parameter("yaw_rate_offset_rad_s", -0.2, 0.2, 0.0, 0.002, deviation=0.01),
     ]  # fmt: skip
@@ -201,12 +202,12 @@ def problem_of(drive: Drive, known: Known) -> Problem:
     return Problem(tuple(parameters), tuple(assumed), {}, known, sensors).holding(held)
 
 
-def _ratio_from_turning(drive: Drive, wheelbase_m: float) -> float:
-    """Return the ratio by which a car that does not slip would turn as measured."""
+def wheel_over_turning_m(drive: Drive) -> float:
+    """Return the wheel's angle over the curvature that goes with it: ratio times wheelbase [m]."""
     steer, speed = drive.at_yaw_rates()
     turning, rate = speed * (steer - np.median(steer)), drive.outputs[0].values
     slope = float(turning @ (rate - np.median(rate))) / float(turning @ turning)
-    return float(np.clip(0.8 / max(slope * wheelbase_m, 1e-3), 0.3, 70.0))
+    return 1.0 / max(slope, 1e-5)
 
 
 def car_tables(values: Mapping[str, float], known: Known) -> tuple[VehicleSettings, CarSettings]:

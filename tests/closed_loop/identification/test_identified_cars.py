@@ -214,7 +214,7 @@ def test_a_car_steered_at_the_rear_is_refused_in_words() -> None:
 
 def test_a_yaw_rate_of_wrong_sign_or_unit_is_refused_in_words() -> None:
     wheel, speed, rate, side = drawn().channels
-    for factor, complaint in ((-1.0, "goes against the wheel"), (57.3, "has a wrong unit")):
+    for factor, what in ((-1.0, "against the wheel"), (57.3, "wrong unit"), (0.0175, "in deg ")):
         wrong = rate._replace(values=factor * rate.values)
-        with pytest.raises(SettingsError, match=complaint):
+        with pytest.raises(SettingsError, match=what):
             identify(make_drive([wheel, speed, wrong, side], "drawn"), drawn().known)
