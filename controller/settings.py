@@ -5,7 +5,7 @@ Each table stands with its subject; here they become one file of settings.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from pydantic import model_validator
 
@@ -98,9 +98,14 @@ def shared_vehicle(file: Path | None) -> SharedTable | None:
     """
     if file is None:
         return None
+    return SharedTable(str(file), {"nominal_model": nominal_vehicle(file)})
+
+
+def nominal_vehicle(file: Path) -> dict[str, Any]:
+    """Return [vehicle] of a file, as a nominal model; raises SettingsError."""
     table = read_table(file, "vehicle")
     model = {key: value for key, value in table.items() if not key.startswith("initial_")}
-    return SharedTable(str(file), {"nominal_model": {"kind": "vehicle", **model}})
+    return {"kind": "vehicle", **model}
 
 
 def on_bus(settings: ControllerSettings, *, takes_fd: bool) -> ControllerSettings:

@@ -26,6 +26,9 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "car, settled", f"off the path {settled}"
     for heading, line in (("commands", node["downlink"]), ("measurements", node["uplink"])):
         yield heading, f"latency {durations_line(line['latency'])}, {line['lost']} lost"
+    for fault in node.get("faults", ()):
+        what = " of ".join(filter(None, (fault["kind"], fault["message"])))
+        yield "fault", f"{what}, {fault['direction']}: {fault['changed']} frames"
     safety = node["safety"]
     if safety["holdings"]:
         yield (

@@ -21,6 +21,7 @@ KeyPath = tuple[str | int, ...]
 Schema = Mapping[str, Any]
 
 _MISTAKES_MAX = 20
+_NOT_KNOWN = " is not a known key ("
 _VALUE_LENGTH_MAX = 60
 _LIKENESS_MIN = 0.85
 """Least similarity, 0 to 1, of a key in another table: it must be nearly the one written."""
@@ -56,19 +57,23 @@ def schema_of(model: type[BaseModel]) -> Schema:
 def explain(
     error: ValidationError, schema: Schema, data: Mapping[str, Any], sources: Mapping[KeyPath, str]
 ) -> list[str]:
-    """Return one line for each mistake, up to a screenful.
+    """Return one line for each mistake, up to a screenful; unknown keys of a table share theirs.
 
     ``schema``   JSON schema of the model
     ``data``     what was validated
     ``sources``  source of each key of ``data``; other keys have that of the nearest table above
     """
-    mistakes = list(
-        dict.fromkeys(
-            _explain_one(mistake, schema, data, sources)
-            for mistake in error.errors(include_url=False)
-            if not _is_consequence(mistake)
-        )
-    )
+    told: dict[tuple[str, str], list[str]] = {}
+    for mistake in error.errors(include_url=False):
+        if not _is_consequence(mistake):
+            line = _explain_one(mistake, schema, data, sources)
+            place, _, known = line.partition(_NOT_KNOWN)
+            source, _, key = place.rpartition(": ") if known else ("", "", line)
+            told.setdefault((source, known), []).append(key)
+    mistakes: list[str] = []
+    for (source, known), keys in told.items():
+        are = _NOT_KNOWN if len(keys) == 1 else " are not known keys ("
+        mistakes += [f"{source}: {', '.join(keys)}{are}{known}"] if known else dict.fromkeys(keys)
     more = len(mistakes) - _MISTAKES_MAX
     if more > 0:
         mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]
@@ -168,7 +173,7 @@ def _explain_one(
             hinted = _meant_below(schema, str(path[-1]), siblings) or hint(
                 str(path[-1]), sorted(siblings), prefix
             )
-            return f"{where} is not a known key ({hinted})"
+            return f"{where}{_NOT_KNOWN}{hinted})"
         case "missing" | "union_tag_not_found":
             return f"{where} is missing{may_be}"
         case "value_error" if isinstance(value, dict):

@@ -27,6 +27,7 @@ from steer_by_wire.closed_loop.recordings.log_analysis import Export, analyse_fi
 from steer_by_wire.closed_loop.recordings.logged import LogError
 from steer_by_wire.closed_loop.reports.terminal import progress_bars
 from steer_by_wire.controller.filters.settings import VehicleModelSettings
+from steer_by_wire.controller.settings import nominal_vehicle
 from steer_by_wire.dbc.bus_language import add_dialect_argument, read_language
 from steer_by_wire.plant_emulator.command_line import fail_if_quantities
 from steer_by_wire.runtime.command_line import (
@@ -47,7 +48,7 @@ from steer_by_wire.runtime.program.fail_if_conditions import (
 )
 from steer_by_wire.runtime.program.output_folder import refuse_another_run
 from steer_by_wire.runtime.program.report import show_or_write, write_json
-from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings, read_table
+from steer_by_wire.runtime.settings import SettingsError, SharedTable, load_settings
 from steer_by_wire.tools.analyze.report import milliseconds, report_html, verdict_of
 from steer_by_wire.tools.analyze.signal_tables import CsvTable
 
@@ -297,8 +298,8 @@ def _all_or_nothing(folder: Path) -> Iterator[Path]:
 
 
 def _smoothed(folder: Path, file: Path) -> "SmoothedTable":
-    table = {"kind": "vehicle", **read_table(file, "vehicle")}
-    vehicle = load_settings(VehicleModelSettings, shared=SharedTable(str(file), table))
+    shared = SharedTable(str(file), nominal_vehicle(file))
+    vehicle = load_settings(VehicleModelSettings, shared=shared)
     # Only a smoother needs filterpy, which imports most of scipy.
     from steer_by_wire.tools.analyze.smoothing import SmoothedTable
 

@@ -169,7 +169,10 @@ def test_a_mistake_names_source_key_value_and_range() -> None:
         ("motor.range_rad=[2,1]", "motor.range_rad = [2, 1]: must rise"),
         ("motor.sped_m_s=3", "motor.sped_m_s is not a known key (did you mean motor.speed_m_s?)"),
         ("speed_m_s=3", "speed_m_s is not a known key (did you mean motor.speed_m_s?)"),
-        ("track.length=3", "track.length is not a known key (known: kind, radius_m)"),
+        (
+            "track={length=3,w=2}",
+            "track.length, track.w are not known keys (known: kind, radius_m)",
+        ),
         ("stages=[{x=1}]", "stages[0].x is not a known key (known: kind, pieces)"),
         ("lwa=pd", "lwa is not a known key (did you mean law?)"),
     ],

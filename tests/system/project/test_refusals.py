@@ -68,12 +68,8 @@ REFUSED = {
     "run --bitrate=0": "10000 to 1000000",
     "run --bus-settings none.toml": "none.toml: cannot be read",
     "run --controller missing.toml": "missing.toml",
-    "run --controller-command true --law pd": (
-        "--controller-command takes no --law: the program is its own"
-    ),
-    "run --controller-command true --fail-if 'controller_holds > 0'": (
-        "--fail-if controller_holds: another program"
-    ),
+    "run --controller-command true --law pd": "takes no --law: the program is its own",
+    "run --controller-command true --fail-if 'controller_holds > 0'": "holds: another program",
     "run --controller-command './mine \"'": "'./mine \"': No closing quotation",
     "run --controller-command true --key-file k": "--key-file: a run with --controller-command",
     "run --dialect none --key-file k": "--dialect takes no --key-file",

@@ -103,7 +103,8 @@ def test_no_lag_is_said_that_the_log_does_not_know(tmp_path: Path) -> None:
     jitter = "plant.latency.downlink={model='gamma', mean_s=0.08, spread_s=0.02}"
     assert run_loop(["--set", jitter, "--duration", "8", "--out", str(tmp_path / "run")]) == 0
     log = tmp_path / "run" / "candump.log"
-    assert analyze([str(log), "--out", str(tmp_path), "--smooth", str(VEHICLE_FILE)]) == 0
+    vehicle = str(log.with_name("plant_emulator.toml"))
+    assert analyze([str(log), "--out", str(tmp_path), "--smooth", vehicle]) == 0
     figures = json.loads((tmp_path / "candump" / "figures.json").read_text())["smoothed"]
     assert "steering_lag_s" not in figures
 
