@@ -62,8 +62,9 @@ def _judged(node: Report) -> str:
         if not node["in_effect"]:
             return f"{verdict}: none of its {sent} commands took effect, by the plant's echoes"
         return f"{verdict} at the end: the last command that took effect was {ago_s:.2f} s before"
+    did = "could steer" if "driver" in node else "steered"  # a driver may have, in its place
     text = (
-        f"{verdict} at the end; the law steered for {100.0 * node['active_share']:.4g} % of the"
+        f"{verdict} at the end; the law {did} for {100.0 * node['active_share']:.4g} % of the"
         f" time; measured error RMS {1e3 * node['measured_rms_m']:.1f} mm,"
         f" peak {1e3 * node['measured_peak_m']:.1f} mm"
     )

@@ -175,7 +175,7 @@ def hand_wheel_text(node: Mapping[str, Any]) -> str:
     """Return how the hand wheel moved, in words."""
     turns = f"up to {node['peak_angle_rad']:.2f} rad and {node['peak_driver_torque_n_m']:.1f} N m"
     who = STEERED_BY_TEXTS[SteeredBy[node["steered_by"].upper()]]
-    return f"{node['law']}, {turns} of the driver; {who}"
+    return f"{node['law']}, {turns} of the driver; at the end {who}"
 
 
 def run_in_virtual_time(

@@ -42,9 +42,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_its_folder_takes_no_other_run(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = {file: file.read_bytes() for file in out.glob("*.*")}
     assert demo.main(["--bus", "emulated", "--duration", "3", "--out", str(out)]) == 2
-    assert (
-        "has another run, whose practical_pd/plant_emulator.toml differs" in capsys.readouterr().err
-    )
+    said = capsys.readouterr().err
+    assert "has another run, whose practical_pd/plant_emulator.toml differs" in said
     assert {file: file.read_bytes() for file in out.glob("*.*")} == before
 
 

@@ -50,6 +50,7 @@ def test_a_late_torque_shakes_the_wheel_and_the_last_line_says_so(
     assert node(late, "hand_wheel")["verdict"].startswith("shakes at 0.")
     printed = capsys.readouterr().out
     assert "; hand wheel: shakes at" in printed.splitlines()[-1]
+    assert "at the end steered by the driver\n" in printed
     (first_ms,) = {*re.findall(r"unstable from a round trip of (\d+) ms", printed)}
     assert 0 < int(first_ms) < 200
 
