@@ -10,6 +10,7 @@ from typing import Any
 
 from ...dbc.messages import Mode
 from ...runtime.fast_named_tuple import new_record
+from ...runtime.node import NS_PER_S
 from ..history.history import BusHistory
 from ..law_interface import (
     NO_HISTORY,
@@ -39,9 +40,10 @@ class LawRunner:
     ``acting``    index of the value of the newest plan that acts first; -1 for no plan
     ``failures``  how often its output was not finite
     ``is_distrusted``  whether it has failed again after its restart
+    ``ramp_step_rad``  largest step per period of a fade
     """
 
-    def __init__(self, settings: ControllerSettings, ramp_step_rad: float) -> None:
+    def __init__(self, settings: ControllerSettings) -> None:
         self.design = design_law(settings)
         self.bus_history = (
             BusHistory(
@@ -62,7 +64,7 @@ class LawRunner:
         self._state: Any = None
         self._fade_rad = 0.0
         self._continues_hold = False  # until the next output
-        self._ramp_step_rad = ramp_step_rad
+        self.ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
 
     @property
     def failure(self) -> str:
@@ -130,7 +132,7 @@ class LawRunner:
             self._state, self.output = state, output
             if self._continues_hold or self._fade_rad != 0.0:
                 self._fade_rad = difference_step(
-                    self._ramp_step_rad, self._fade_rad, sent_rad, steer_rad, self._continues_hold
+                    self.ramp_step_rad, self._fade_rad, sent_rad, steer_rad, self._continues_hold
                 )
                 self._continues_hold = False
             if design.plan is not None and self._fade_rad == 0.0:

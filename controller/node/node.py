@@ -79,7 +79,6 @@ class ControllerNode:
     ) -> None:
         self._settings = settings
         self._ends_with_plant = ends_with_plant
-        self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
         self._limits = settings.steer_limits
         self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
         self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
@@ -98,7 +97,7 @@ class ControllerNode:
             )
         )
         self._falls_silent = settings.supervision.second_sender == "silent"
-        self._law = LawRunner(settings, self._ramp_step_rad)
+        self._law = LawRunner(settings)
         self._sent_steer_rad = 0.0
         periods_per_sample = settings.link.sensor_period_s / (settings.period_ns / NS_PER_S)
         self._commands = CommandFrames(self._limits, periods_per_sample)
@@ -363,7 +362,7 @@ class ControllerNode:
                 supervisor.has_own_fault = True
             self._move_on(now_ns, law_failed=True)
         elif mode is _SAFE_STOP:
-            return ramp_step(self._ramp_step_rad, self._sent_steer_rad)
+            return ramp_step(self._law.ramp_step_rad, self._sent_steer_rad)
         return self._sent_steer_rad
 
     def _beside_driver(self, driver: DriverLink, law_rad: float, now_ns: int) -> float:

@@ -109,28 +109,23 @@ class Interventions:
 
 
 class LiveDisturbances:
-    """Turns requests for a disturbance into parameters of the motion.
-
-    ``asked``  the newest request that the motion has not taken yet; None for none
-    """
+    """Turns requests for a disturbance into parameters of the motion of the ``vehicle``."""
 
     def __init__(self, settings: PlantSettings, params: AnyMotionParams) -> None:
-        self._vehicle = vehicle_params(settings.vehicle)
+        self.vehicle = vehicle_params(settings.vehicle)
         self._arm_m = settings.disturbance.side_force_arm_m
         self._params = params
-        self.asked: DisturbanceChange | None = None
 
     def taken(self, asked: DisturbanceChange) -> AnyMotionParams:
         """Return the parameters of the motion from now on, with the requested disturbance."""
-        self.asked = None
         # Rounded, so that 1 - 0.7 equals a 0.3 in the settings.
         load = Load(*asked[:3], round(1.0 - asked.friction_loss, 6))
         if isinstance(self._params, CarMotionParams):
             loaded = [under_load(x, load, self._arm_m) for x in self._params.intervals]
             self._params = self._params._replace(intervals=loaded)
         else:
-            intervals = [disturbance_interval(0, load, self._arm_m, self._vehicle)]
-            table, rows = transitions(self._vehicle, self._params.actuator, intervals)
+            intervals = [disturbance_interval(0, load, self._arm_m, self.vehicle)]
+            table, rows = transitions(self.vehicle, self._params.actuator, intervals)
             self._params = self._params._replace(intervals=intervals, table=table, first_rows=rows)
         return self._params
 

@@ -71,7 +71,6 @@ from ..steering.hold_and_fallback import NO_PATH, GuardMode, PathSeen
 from ..steering.plan_buffer import PlanBuffer
 from ..steering.settings import design_guard
 from ..vehicle.exact_propagation import DELTA, PSI, RHO, LinearState, Y
-from ..vehicle.motion_parameters import vehicle_params
 from ..vehicle.moving_vehicle import AnyMotionParams
 from ..vehicle.plugin_equations import make_motion
 from .interventions import Interventions, LiveDisturbances
@@ -153,18 +152,17 @@ class PlantNode:
         self._heard = None if table is None else Heard(0, table.steering_ratio)
         force_ns = settings.force_period_ns
         self._force_timer = PeriodicTimer(start_ns, force_ns) if force_ns else None
-        self._vehicle = vehicle_params(settings.vehicle)
         self._reception.is_silent = settings.safety.second_sender == "silent"
         self.interventions = Interventions(settings)
         self._unauthenticated = 0
         self._command: SteeringCommand | None = None
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
-        self._asked_speed_m_s: float | None = None
+        self._asked: list[SpeedRequest | DisturbanceChange] = []
+        """Requests that act once all that is due before has happened."""
         self._slowest_asked_m_s = math.inf
         self._seen: LinearState | None = None
         self._stop_m_s2 = settings.safety.stop_m_s2
-        self._sends_truth = settings.ground_truth
         self._sampling = Sampling(
             self._motion,
             settings.sensor_noise,
@@ -211,17 +209,14 @@ class PlantNode:
             if downlink.next_due_ns < self.deadline_ns:
                 self.deadline_ns = downlink.next_due_ns
         elif isinstance(received, SpeedRequest):
-            # It acts once all that is due before has happened.
-            self._asked_speed_m_s = received.speed_max_m_s
-            self.deadline_ns = min(self.deadline_ns, now_ns)
+            self._ask(received, now_ns)
         elif isinstance(received, LatencyChange | DisturbanceChange):
             if not self.interventions.admit(frame, received, self._motion_ns(now_ns)):
                 self._reception.refuse(Rejection.INTERVENTION)
             elif isinstance(received, LatencyChange):
                 self._network.reconfigure(received)
             else:
-                self._live_disturbances.asked = received
-                self.deadline_ns = min(self.deadline_ns, now_ns)
+                self._ask(received, now_ns)
         elif isinstance(received, Rejection) and frame.can_id in _STEERING_IDS:
             self._unit.on_rejection()
         return ()
@@ -254,15 +249,8 @@ class PlantNode:
             if force_timer is not None and force_timer.deadline_ns < due_ns:
                 due_ns = force_timer.deadline_ns
             if due_ns > now_ns:
-                if (asked := self._live_disturbances.asked) is not None:
-                    self._advance(now_ns)
-                    self._motion.disturb(self._live_disturbances.taken(asked))
-                if (asked_m_s := self._asked_speed_m_s) is not None:
-                    self._advance(now_ns)
-                    if asked_m_s < self._motion.speed_m_s:
-                        self._slowest_asked_m_s = min(self._slowest_asked_m_s, asked_m_s)
-                    self._motion.limit_speed(asked_m_s)
-                    self._asked_speed_m_s = None
+                if self._asked:
+                    self._take_asked(now_ns)
                 self.deadline_ns = due_ns
                 self._reception.on_sent(frames)
                 return frames
@@ -273,7 +261,7 @@ class PlantNode:
             elif sample_ns == due_ns:
                 sensor_timer.advance(now_ns)
                 self._sense(due_ns)
-                if self._sends_truth and self._motion.is_finite:
+                if self._settings.ground_truth and self._motion.is_finite:
                     frames.append(self._sampling.frames.ground_truth(motion_cg_m(self._motion)))
                     if (use := self._motion.axle_use) is not None:
                         frames.append(self._sampling.frames.car_truth(use))
@@ -375,6 +363,23 @@ class PlantNode:
                 clamped,
             ),
         }
+
+    def _ask(self, request: SpeedRequest | DisturbanceChange, now_ns: int) -> None:
+        self._asked.append(request)
+        self.deadline_ns = min(self.deadline_ns, now_ns)
+
+    def _take_asked(self, now_ns: int) -> None:
+        """Let what was asked for act from now on."""
+        self._advance(now_ns)
+        for request in self._asked:
+            if not isinstance(request, SpeedRequest):
+                self._motion.disturb(self._live_disturbances.taken(request))
+                continue
+            asked_m_s = request.speed_max_m_s
+            if asked_m_s < self._motion.speed_m_s:
+                self._slowest_asked_m_s = min(self._slowest_asked_m_s, asked_m_s)
+            self._motion.limit_speed(asked_m_s)
+        self._asked.clear()
 
     def _motion_ns(self, time_ns: int) -> int:
         """Return the time since the start of motion [ns], 0 before."""
@@ -485,7 +490,8 @@ class PlantNode:
         motion_ns, table = self._advance(time_ns), self._settings.steering_force
         if table is None:
             return
-        force_n = self._motion.rack_force_n(self._vehicle, table.trail_m, table.arm_m)
+        vehicle = self._live_disturbances.vehicle
+        force_n = self._motion.rack_force_n(vehicle, table.trail_m, table.arm_m)
         frame = self._sampling.frames.steering_force(self._unit.target_rad, force_n)
         self._network.uplink.push([frame], time_ns, motion_ns)
 

@@ -154,7 +154,11 @@ class BusModel:
                 raise BusOverflowError(
                     f"{who} has {limit} frames of identifier 0x{can_id:03X} waiting for the bus"
                 )
-        self._look_ahead()
+        self._carry(now_ticks)
+        if self._completed:
+            self.next_event_ns = self._completed[0][0]
+        elif self._traffic is not None:
+            self._await_submitted()
 
     def is_off(self, sender: int, now_ns: int) -> bool:
         """Whether a sender is in bus-off; lets it take part again when that is over."""
@@ -166,26 +170,20 @@ class BusModel:
             self._release_before(now_ns, self._traffic)
         self._carry(now_ns * self._per_ns)
         completed, self._completed = self._completed, []
-        self._look_ahead()
+        if self._traffic is not None:
+            self._await_submitted()
         return completed
 
-    def _look_ahead(self) -> None:
-        """Find the next end of a frame."""
-        queue = self._queue
-        if self._completed:
-            self.next_event_ns = self._completed[0][0]
-        elif not queue or (self._traffic is not None and all(one[3] < 0 for one in queue)):
+    def _await_submitted(self) -> None:
+        """Wait for no event with only frames of the traffic on the bus."""
+        if all(one[3] < 0 for one in self._queue):
             self.next_event_ns = NEVER_NS
-        else:
-            end_ticks = self._free_ticks + queue[0][2]
-            if self.errors is not None:
-                end_ticks, _ = self._end_in_noise(self._free_ticks, end_ticks, self.errors)
-            self.next_event_ns = -(-end_ticks // self._per_ns)
 
     def _release_before(self, now_ns: int, traffic: RestBus) -> None:
         """Let the messages of the traffic compete that are due before now and have room."""
         while (due_ns := traffic.next_due_ns) < now_ns:
-            self._carry(due_ns * self._per_ns)
+            if self._free_ticks < due_ns * self._per_ns:
+                self._carry(due_ns * self._per_ns)
             arbitration, duration_ticks, sender, frame = traffic.ready
             has_room = not self._traffic_waiting[arbitration, sender]
             self._refused += not has_room
@@ -202,29 +200,25 @@ class BusModel:
         return waiting < self._queue_limit
 
     def _carry(self, now_ticks: int) -> None:
-        """Complete frames that have ended by now, and decide all arbitrations before now.
+        """Complete frames that have ended by now, decide all arbitrations before now, look ahead.
 
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
-        queue, errors, free_ticks = self._queue, self.errors, self._free_ticks
-        while free_ticks < now_ticks:
-            if not queue:
-                self._idle_ticks += now_ticks - free_ticks
-                free_ticks = now_ticks
-                break
+        queue, errors, free_ticks, per_ns = self._queue, self.errors, self._free_ticks, self._per_ns
+        while queue:
             arbitration, number, duration_ticks, sender, frame = queue[0]
             end_ticks, is_whole = free_ticks + duration_ticks, True
             if errors is not None:
                 end_ticks, is_whole = self._end_in_noise(free_ticks, end_ticks, errors)
-            if sender < 0 and arbitration != _ON_WIRE:
+            if sender < 0 and arbitration != _ON_WIRE and free_ticks < now_ticks:
                 self._traffic_waiting[arbitration, sender] -= 1
+            end_ns = -(-end_ticks // per_ns)
             if end_ticks > now_ticks:
-                if arbitration != _ON_WIRE:
+                if free_ticks < now_ticks:
                     queue[0] = (_ON_WIRE, number, duration_ticks, sender, frame)
                 break
             heappop(queue)
             free_ticks = end_ticks + self._intermission_ticks
-            end_ns = -(-end_ticks // self._per_ns)
             if is_whole:
                 self._frames += 1
                 self._completed.append((end_ns, sender, frame))
@@ -238,7 +232,12 @@ class BusModel:
                     self._traffic_waiting[entry[0], sender] += 1
                 if errors.on_destroyed(sender, end_ticks, self._ticks):
                     self._withdraw(sender)
-        self._free_ticks = free_ticks
+        else:
+            end_ns = NEVER_NS
+            if free_ticks < now_ticks:
+                self._idle_ticks += now_ticks - free_ticks
+                free_ticks = now_ticks
+        self._free_ticks, self.next_event_ns = free_ticks, end_ns
 
     def _end_in_noise(self, free_ticks: int, end_ticks: int, errors: BusErrors) -> tuple[int, bool]:
         """Return when the first of the queue leaves the bus, and whether it is whole by then."""
