@@ -27,7 +27,7 @@ from ..compiled.inlined_functions import INLINE
 from ..compiled.memory import on_stack
 from ..compiled.step_functions import register, register_steps
 from .parameters import Known, car_tables
-from .time_series import Channel, Drive, Quantity
+from .time_series import SETTLING_S, Channel, Drive, Quantity
 
 STEP_S = 0.001
 LANES = 16
@@ -35,8 +35,6 @@ LANES = 16
 _BLOCK = 32
 """Steps whose steering is read before the first of them, and whose outputs are sensed after."""
 _COARSE = 5
-SETTLING_S = 1.0
-"""At the start of a segment, not judged: the car's state there is not known."""
 _SMOOTHING_S = 0.5
 """Of the speed, for the acceleration."""
 DRAWS = 12

@@ -28,6 +28,8 @@ GAP_PERIODS = 5.0
 PAUSE_S = 10.0
 """Put between the drives of two files."""
 SEGMENT_S_MIN = 2.0
+SETTLING_S = 1.0
+"""At the start of a segment, not judged: the car's state there is not known."""
 SPEED_M_S_MIN = 1.0
 """Slower driving is left out: it tells nothing of tyres."""
 _SAMPLES_MIN, _EVEN_SAMPLES_MAX, _STEADY_SAMPLES = 20, 10_000, 1001
@@ -288,13 +290,12 @@ def _segments(channels: Sequence[Channel], speed: Channel) -> list[tuple[float, 
 
 
 def _refuse_idle(drive: Drive, source: str) -> None:
-    """Refuse a drive whose wheel or car was never turned; raises SettingsError."""
-    steering, rate = drive.steering.within(drive.segments, 0.0), drive.outputs[0]
-    swing = float(np.quantile(steering.values, 0.99) - np.quantile(steering.values, 0.01))
-    turned = float(np.std(np.interp(steering.time_s, rate.time_s, rate.values)))
-    is_wheel_still = swing <= max(4.0 * drive.steering.quantum, 1e-3)
-    if is_wheel_still or turned < 1e-3:
-        still = steering.name if is_wheel_still else rate.name
-        raise SettingsError(
-            f"{source}: {still} hardly changes: drive a sweep, 26 s at 60 km/h from 0.2 to 3 Hz"
-        )
+    """Refuse a drive in which wheel or car hardly turn where it is judged; raises SettingsError."""
+    judged = [one.within(drive.segments, SETTLING_S) for one in (drive.steering, drive.outputs[0])]
+    swing = float(np.ptp(np.quantile(judged[0].values, (0.01, 0.99))))
+    for channel, change in zip(judged, (swing, float(np.std(judged[1].values))), strict=True):
+        if change <= max(4.0 * channel.quantum, 1e-3):
+            raise SettingsError(
+                f"{source}: {channel.name} hardly changes: drive a sweep, 26 s at 60 km/h from 0.2"
+                " to 3 Hz"
+            )
