@@ -133,8 +133,7 @@ def _kinds(problem: Problem) -> list[_Kind]:
         found.append(_Kind(f"{name}:offset", unit, "", enough))
     if {"steering_ratio", "wheelbase_m"} <= names:
         found.append(_Kind("steering_ratio_times_wheelbase_m", "m"))
-    told = {"yaw_inertia_per_mass_m2"} if problem.known.yaw_inertia_kg_m2 is not None else set()
-    return [one for one in found if one.name not in problem.held.keys() | told]
+    return [one for one in found if not problem.held.keys() & {one.name, one.source}]
 
 
 class _Linear(NamedTuple):

@@ -31,10 +31,9 @@ _LAG_PERIODS = 1.0 / 3.0
 
 
 class Steering(NamedTuple):
-    """Figures of an actuator, and the table for the plant."""
+    """Figures of an actuator, and what is to be said of them."""
 
     figures: list[Figure]
-    table: dict[str, float]
     notes: list[str]
 
 
@@ -121,17 +120,14 @@ def identify_steering(
             "only the fastest motion seen; command a large step to find the limit",
         ),
     ]  # fmt: skip
-    table = {"lag_s": float(lag_s), "dead_time_s": float(dead_mean_s)}
-    if play_rad > 0.0:
-        table["dead_band_rad"] = float(play_rad)
     if unexplained <= _UNEXPLAINED_MAX:
-        return Steering(figures, table, [])
+        return Steering(figures, [])
     why = (
         f"{100.0 * unexplained:.0f} % of the wheel's motion is not explained: a limit of jerk"
         " or rate before the wheel acts, which is on no frame; log the guard's output"
     )
     figures = [one._replace(verdict=Verdict.NOT_IDENTIFIABLE, note=why) for one in figures]
-    return Steering(figures, table, [f"steering: {why}"])
+    return Steering(figures, [f"steering: {why}"])
 
 
 def _figure(name: str, value: float, ends: Ends, enough: float) -> Figure:

@@ -30,6 +30,7 @@ _CAR = (
     "friction", "cg_height_m", "front_relaxation_m", "rear_relaxation_m", "drive_front",
     "drag_n_s2_m2",
 )  # fmt: skip
+_ACTUATOR = ("lag_s", "dead_time_s", "dead_band_rad")
 
 
 class IdentifiedSettings(Settings):
@@ -78,14 +79,16 @@ def vehicle_toml(found: Fit, figures: Sequence[Figure], speed_m_s: float, source
 
 def actuator_toml(steering: Steering | None, figures: Sequence[Figure], source: str) -> str:
     """Return the text of actuator.toml; the car's delay is a lag where the log has no commands."""
-    lines, told = [f"# Steering identified from {source}."], steering
-    if told is None:
+    lines = [f"# Steering identified from {source}."]
+    if steering is None:
         lines.append("# The sum of delay and lag, as a lag; sensors included.")
-        (total,) = (one for one in figures if one.name == "delay_and_lag_s")
-        lag_s = total.value if total.value >= LAG_S_MIN else 0.0
-        told = Steering([total], {"lag_s": lag_s}, [])
-    lines += [f"# {figure_line(one)}" for one in told.figures]
-    return "\n".join([*lines, *_table_lines("actuator", told.table), ""])
+        told = [one for one in figures if one.name == "delay_and_lag_s"]
+        table = {"lag_s": told[0].value if told[0].value >= LAG_S_MIN else 0.0}
+    else:
+        told = steering.figures
+        table = {key: one.value for one in told if (key := one.name.split(":")[-1]) in _ACTUATOR}
+    lines += [f"# {figure_line(one)}" for one in told]
+    return "\n".join([*lines, *_table_lines("actuator", table), ""])
 
 
 def _table_lines(name: str, values: Mapping[str, float]) -> list[str]:
