@@ -60,10 +60,7 @@ def told(channels: list[Channel], parameters: Mapping[str, float], known: Known)
 
 
 def table(rows: list[Row]) -> list[str]:
-    """Return of how many intervals the truth is outside, by figure and verdict.
-
-    The band is that of right intervals in 99.9 % of cases.
-    """
+    """Return misses by figure and verdict; of right intervals the band holds 99.9 % of counts."""
     lines = [f"{len(rows)} logs, {sum('refused' in row for row in rows)} refused"]
     lines += [f"  {row['seed']}: {row['refused']}" for row in rows if "refused" in row]
     counts = defaultdict[str, dict[str, list[bool]]](lambda: defaultdict(list))
@@ -110,4 +107,4 @@ def search(
 
 
 if __name__ == "__main__":
-    search(one_car, summary, "0", "160", "hidden_cars.jsonl")
+    search(one_car, summary, "3000", "160", "hidden_cars.jsonl")
