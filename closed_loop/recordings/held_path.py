@@ -131,11 +131,12 @@ class HeldPath:
         _, errors_m, cgs_m = zip(*recent, strict=True)
         return sum(errors_m) / len(recent), sum(cgs_m) / len(recent)
 
-    def report(self, period_s: float, *, left_range: bool) -> Mapping[str, Any]:
+    def report(self, period_s: float, *, left_range: bool, is_driven: bool) -> Mapping[str, Any]:
         """Return the figures as a plant reports them.
 
         ``period_s``    between two measurements
         ``left_range``  whether an error was beyond the range of its signal
+        ``is_driven``   whether the plant applied a command, as far as the log tells
         """
         figures, rules = self._of_car, _RULES
         if self._of_car.held.samples < KNOWN_SHARE * self.samples:
@@ -144,7 +145,7 @@ class HeldPath:
             figures.held = figures.held._replace(preview_peak_m=math.inf)
             figures.left_path_s = self._grip_at_s
         motion_ns = round(figures.held.samples * period_s * NS_PER_S)
-        return motion_report(figures, motion_ns, rules, 0.0, period_s)
+        return motion_report(figures, motion_ns, rules, 0.0, period_s, is_driven)
 
 
 PREVIEW_M = 2.0

@@ -169,7 +169,7 @@ class LogAnalysis:
         self._held_path = HeldPath(preview_m)
         self.listener = BusListener(listening)
         self.listed = self.listener.listening.listed
-        self._is_ours, self._applies_unseen = self.listener.listening is OUR_MESSAGES, False
+        self._is_ours, self._applies = self.listener.listening is OUR_MESSAGES, False
         """Whether a STEERING_STATUS names a command, which a car's cannot."""
         self.latencies = Latencies()
         self.histories = {name: History() for name in SIGNALS}
@@ -269,8 +269,8 @@ class LogAnalysis:
             backwards = axis.backwards + axis.set_back
             times = f"time runs backwards at {backwards} of {self._frames} frames"
             return times + (unread or ": the log is not in the order of the bus")
-        if not self._held_path.has_started and (not_read or self._applies_unseen):
-            seen = ", but the plant applied some" if self._applies_unseen else ""
+        if not self._held_path.has_started and (not_read or self._applies):
+            seen = ", but the plant applied some" if self._applies else ""
             return f"no command was read{seen}{unread}"
         if self._held_path.has_started and not self._held_path.can_be_judged:
             return (
@@ -287,7 +287,7 @@ class LogAnalysis:
             self.latencies.on_plant_frame(since_ns)
         if isinstance(message, messages.SteeringStatus):
             self.latencies.on_status(message, counter, is_late, since_ns)
-            self._applies_unseen |= self._is_ours and message.status is not Code.NO_COMMAND
+            self._applies |= self._is_ours and message.status is not Code.NO_COMMAND
         elif isinstance(message, messages.PlantStatus) and not is_late:
             self.latencies.on_plant_status(message, since_ns)
         elif isinstance(shown, messages.SteeringCommand) and not is_late:
@@ -322,9 +322,11 @@ class LogAnalysis:
     def _held_path_figures(self) -> Mapping[str, Any]:
         cycle = self.cycles["LATERAL_ERROR"].report()
         refused = self.listener.counts("LATERAL_ERROR").refused
+        told = self.listener.counts("STEERING_STATUS").accepted
         return self._held_path.report(
             cycle["mean_s"] or messages.CYCLE_TIMES_MS[messages.LateralError] * 1e-3,
             left_range=messages.Rejection.NOT_AVAILABLE.value in refused,
+            is_driven=self._applies or not (self._is_ours and told),
         )
 
     def _message_figures(self, name: str) -> dict[str, Any]:

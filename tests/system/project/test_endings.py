@@ -87,11 +87,14 @@ def test_run_and_the_analysis_of_its_log_judge_alike(tmp_path: Path, capsys: Cap
 @pytest.mark.parametrize(("way", "arrived"), [("up", "measurement"), ("down", "command")])
 @pytest.mark.parametrize("wheel", [[], ["--hand-wheel", "still"]])
 def test_a_run_in_which_nothing_arrives_never_started(
-    way: str, arrived: str, wheel: list[str], capsys: Capture
+    way: str, arrived: str, wheel: list[str], tmp_path: Path, capsys: Capture
 ) -> None:
-    lost = f"--set=plant.latency.{way}link.loss=1"
-    assert run_main([*wheel, lost, "--duration", "3"]) == ExitStatus.OK
+    lost, out = f"--set=plant.latency.{way}link.loss=1", str(tmp_path)
+    assert run_main([*wheel, lost, "--duration", "3", "--out", out]) == ExitStatus.OK
     assert last_line(capsys).startswith(f"verdict        no start: no {arrived} ever reached")
+    if arrived == "command":
+        assert analyze_main([f"{out}/candump.log", "--out", f"{out}/log"]) == ExitStatus.OK
+        assert last_line(capsys).startswith("verdict: no start: no command ever reached the act")
 
 
 def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys: Capture) -> None:

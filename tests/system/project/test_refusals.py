@@ -48,9 +48,7 @@ REFUSED = {
     "feedback --torque-gradients 6,x": "0.01 to 1000 N m/rad",
     "generate-c --preset practical_predictor": "law = 'predictor' does not become C: pd, pd_dob, ",
     "generate-c --preset practical_pd --set feed_forward.gain=1": "[feed_forward] does not bec",
-    "generate-c --preset practical_pid --set pid.heading_gain_rad_rad=1": (
-        "pid.heading_gain_rad_rad does not become C: leave it out"
-    ),
+    "generate-c --preset practical_pid --set pid.heading_gain_rad_rad=1": "rad does not become C",
     "generate-c --preset practical_pd --set supervision.stops_if_implausible=true": (
         "supervision.stops_if_implausible does not become C: leave it out"
     ),
