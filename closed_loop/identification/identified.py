@@ -16,7 +16,14 @@ from ...runtime.settings import SettingsError
 from ..pair.pair_result import rms
 from .figures import Figure, figures_of, half_of
 from .fit import Fit, Progress, Stopped, fit, is_white, quiet, refit, samples_alike
-from .parameters import FRICTION_MAX, Known, Problem, problem_of, wheel_over_turning_m
+from .parameters import (
+    FRICTION_MAX,
+    LONG_WHEELBASE_M,
+    Known,
+    Problem,
+    problem_of,
+    wheel_over_turning_m,
+)
 from .response import grid_of
 from .time_series import Drive, Quantity
 
@@ -65,6 +72,9 @@ def identify(drive: Drive, known: Known, progress: Progress = quiet) -> Identifi
     problem = problem_of(drive, known)
     _refuse_wrong_unit_or_sign(drive, problem)
     found, found_all = fit(problem.seeking(), grid, progress), None
+    if found.is_whole and found.values["wheelbase_m"] > LONG_WHEELBASE_M:
+        problem = problem.of_long_vehicle()
+        found = fit(problem.seeking(), grid, progress, found)
     rates = _of_rates(drive)
     if found.is_coloured and problem.assumed:
         # A model's error would move what is assumed.

@@ -35,10 +35,11 @@ _STIFFNESS_N_RAD_MAX = 1e7
 FRICTION_MAX = 2.9
 """As good as none: tyres are linear up to it."""
 _WHEELBASE_M, _WHEELBASE_SPREAD = 2.75, 0.08
+LONG_WHEELBASE_M, _LONG_SHARE_SPREAD = 4.0, 0.15
 _FRONT_SHARE, _FRONT_SHARE_SPREAD = 0.45, 0.05
 _DRIVE_FRONT, _DRIVE_FRONT_SPREAD = 0.5, 0.5
 """With the relative and the absolute standard deviations: the share is that of the seven passenger
-cars among the presets, the rest is chosen."""
+cars among the presets, not so of a lorry or bus, which is long; the rest is chosen."""
 _DRAG_1_M = CarSettings().drag_n_s2_m2 / MASS_KG
 
 
@@ -136,6 +137,12 @@ class Problem(NamedTuple):
         its = {one.name for one in self.assumed}
         held = {key: value for key, value in self.held.items() if key not in its}
         return self._replace(parameters=self.coordinates, assumed=(), held=held)
+
+    def of_long_vehicle(self) -> "Problem":
+        """Return the problem of a lorry or bus, whose centre of gravity is less well assumed."""
+        wide = {"front_share": _LONG_SHARE_SPREAD}
+        assumed = [it._replace(deviation=wide.get(it.name, it.deviation)) for it in self.assumed]
+        return self._replace(assumed=tuple(assumed))
 
     def place(self, name: str) -> int:
         """Return the place of a parameter."""

@@ -80,10 +80,7 @@ def test_each_of_several_cars_has_the_bits_of_its_own(tyre: str) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_intervals_of_a_hidden_car_hold_the_truth(seed: int) -> None:
-    """Of a car driven as prescribed and known, one of which nothing is known, and ordinary driving.
-
-    Their figures depend on each other, so of a car whose noise is unlucky several are outside.
-    """
+    """Known, unknown, in traffic; figures depend on each other, so several may miss together."""
     row = one_car(seed)
     figures = row["figures"].values()
     outside = sum(not one["low"] <= one["truth"] <= one["high"] for one in figures)
@@ -128,13 +125,17 @@ def test_no_dead_time_is_below_zero() -> None:
     assert figure_line(figures["dead_time_s"]).startswith("dead_time_s at most 0 s")
 
 
-def test_of_a_neutral_car_is_told_what_its_understeer_adds() -> None:
-    car = drawn().truth | {"rear_c": drawn().truth["front_c"]}
-    log = log_of(car, *prescribed(car), np.random.default_rng(1))
-    note = identify(make_drive(log.channels, "neutral"), log.known).notes[-1]
+def test_of_a_neutral_bus_is_told_its_understeer_not_its_load() -> None:
+    truth = drawn().truth
+    bus = truth | {"wheelbase_m": 6.0, "front_share": 0.62, "rear_c": truth["front_c"]}
+    driven = (one[4_000:30_000] for one in prescribed(bus))
+    log = log_of(bus, *driven, np.random.default_rng(1))
+    known = log.known.model_copy(update={"front_axle_distance_m": None})
+    _, (_, front, *_), (*_, note) = identify(make_drive(log.channels[:3], "neutral"), known)
     low, high = re.search(r"nearly neutral: .* adds \S+ % \[(.*), (.*)\]", note).groups()
-    assert -2.0 < float(low) < 0.0 < float(high) < 2.0
+    assert -3.0 < float(low) < 0.0 < float(high) < 3.0
     assert not any(note.startswith("nearly neutral") for note in found().notes)
+    assert front.low < 0.38 * 9.80665 * bus["front_c"] < front.high
 
 
 def test_a_wheel_that_is_repeated_in_five_rows_delays_nothing() -> None:
