@@ -100,11 +100,14 @@ def hand_wheel_section(study: Study, rows: Rows) -> tuple[list[Section], list[st
             still_ms, late_ms = (
                 delay_ms[of & each & np.isfinite(delay_ms)] for each in (~shakes, shakes)
             )
-            most = f"{still_ms.max():.1f}" if len(still_ms) else "-"
-            least = f"{late_ms.min():.1f}" if len(late_ms) else "-"
+            first_ms = late_ms.min(initial=np.inf)
+            before_ms = still_ms[still_ms < first_ms]
+            most = f"{before_ms.max():.1f}" if len(before_ms) else "-"
+            least = f"{first_ms:.1f}" if len(late_ms) else "-"
+            not_all = ", not in all runs" if len(before_ms) < len(still_ms) else ""
             found.append((Cell(what), *map(number, (count, most, least))))
             is_known = len(still_ms) + len(late_ms)
-            felt = f"still up to {most} ms, shakes from {least} ms"
+            felt = f"still up to {most} ms, shakes from {least} ms{not_all}"
             lines.append(f"{what}: {felt if is_known else f'{count} runs shake{reason}'}")
     table = Table(("Hand wheel", "shake", "still up to [ms]", "shakes from [ms]"), found)
     text = "By the felt delay: how old the wheel's angle is that the felt torque answers"
