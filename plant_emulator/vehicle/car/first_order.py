@@ -4,6 +4,9 @@ from typing import NamedTuple
 
 from .steering_input import SteeringInput
 
+_NOTHING_RAD = 1e-30
+"""A wheel so near its goal is there: further halvings end at numbers that take a processor long."""
+
 
 class FirstOrderParams(NamedTuple):
     """`[actuator]`; infinite for a limit that does not exist."""
@@ -36,7 +39,9 @@ def first_order_step(
     is_limited = target_rad != inputs.command_rad
     low_rad, high_rad = target_rad - p.dead_band_rad, target_rad + p.dead_band_rad
     goal_rad = min(max(before_rad, low_rad), high_rad)
-    move_rad = min(h_s / (p.lag_s + 0.5 * h_s), 1.0) * (goal_rad - before_rad)
+    left_rad = goal_rad - before_rad
+    share = min(h_s / (p.lag_s + 0.5 * h_s), 1.0) if abs(left_rad) > _NOTHING_RAD else 1.0
+    move_rad = share * left_rad
     move_rad *= inputs.rate_share
     most_rad = p.rate_limit_rad_s * inputs.rate_share * h_s if inputs.rate_share else 0.0
     if abs(move_rad) > most_rad:

@@ -82,6 +82,9 @@ def test_a_parked_car_does_not_drift() -> None:
         motion.advance(later_ms * MS)
         assert (motion.linear[PSI], motion.linear[Y], motion.place) == parked
         assert abs(motion.linear[R]) < 1e-16
+    motion.command(0.0)
+    motion.advance(50_000 * MS)
+    assert motion.linear[DELTA] == 0.0  # not for ever on its way, through ever smaller numbers
 
 
 @pytest.mark.parametrize("friction", ["coulomb", "lugre"])

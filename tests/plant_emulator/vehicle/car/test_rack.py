@@ -126,10 +126,8 @@ def test_the_rate_falls_with_the_load_as_the_voltage_says(side_n: float, winding
     p = params(ActuatorSettings(lag_s=0.005, rate_limit_rad_s=50.0))
     acts = FREE._replace(command_rad=1.4, front_lateral_n=side_n, front_use=1.0)
     acts, x = acts._replace(resistance_factor=windings), RACK_AT_REST
-    rates = []
     while x.rack_rad < 0.7:
         x = rack_step(p, x, acts, H_S)
-        rates.append(x.wheel_rate_rad_s)
     k, ohm = p.motor_n_m_a, windings * p.resistance_ohm
     load_n_m = p.friction.coulomb_n_m + side_n * p.caster_trail_m
     damping = p.damping_n_m_s + p.wheel_damping_n_m_s + k * k / ohm
@@ -140,9 +138,8 @@ def test_the_rate_falls_with_the_load_as_the_voltage_says(side_n: float, winding
 def test_the_coulomb_force_is_that_of_the_measured_cars() -> None:
     """At 0.141 m/s² of lateral acceleration the aligning torque just overcomes it."""
     p, vehicle = params(torque_n_m_a=0.05), VehicleSettings()
-    front = vehicle.rear_axle_distance_m / (
-        vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m
-    )
+    rear_m = vehicle.rear_axle_distance_m
+    front = rear_m / (vehicle.front_axle_distance_m + rear_m)
     for a_y, is_held in ((0.140, True), (0.142, False)):
         side_n = -a_y * vehicle.virtual_mass_kg * front
         acts = FREE._replace(torque_share=0.0, front_lateral_n=side_n)
