@@ -182,8 +182,7 @@ class BusModel:
     def _release_before(self, now_ns: int, traffic: RestBus) -> None:
         """Let the messages of the traffic compete that are due before now and have room."""
         while (due_ns := traffic.next_due_ns) < now_ns:
-            if self._free_ticks < due_ns * self._per_ns:
-                self._carry(due_ns * self._per_ns)
+            self._carry(due_ns * self._per_ns)
             arbitration, duration_ticks, sender, frame = traffic.ready
             has_room = not self._traffic_waiting[arbitration, sender]
             self._refused += not has_room
@@ -205,9 +204,10 @@ class BusModel:
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
         queue, errors, free_ticks, per_ns = self._queue, self.errors, self._free_ticks, self._per_ns
+        is_whole = True
         while queue:
             arbitration, number, duration_ticks, sender, frame = queue[0]
-            end_ticks, is_whole = free_ticks + duration_ticks, True
+            end_ticks = free_ticks + duration_ticks
             if errors is not None:
                 end_ticks, is_whole = self._end_in_noise(free_ticks, end_ticks, errors)
             if sender < 0 and arbitration != _ON_WIRE and free_ticks < now_ticks:
