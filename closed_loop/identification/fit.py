@@ -228,13 +228,19 @@ def fit(problem: Problem, grid: Grid, progress: Progress = quiet, begin: Fit | N
     ``begin``  a fit of another model to the same drive, to start from; it may have more sensors
     """
     spreads = np.array([0.2 * max(float(np.std(one.values)), 1e-6) for one in grid.judged])
-    x, rounds, is_whole = problem.start, range(_ROUNDS), True
+    rounds, is_whole, lag = range(_ROUNDS), True, "lag_squared_s2"
+    near: dict[str, float] = {}
     if begin is not None:
-        named = dict(zip((one.name for one in begin.problem.coordinates), begin.x, strict=True))
-        x = np.array([named.get(one.name, one.start) for one in problem.parameters])
+        near = dict(zip((one.name for one in begin.problem.coordinates), begin.x, strict=True))
         spreads, rounds = begin.deviations[: len(spreads)], rounds[1:]
     judge = _Judge(problem, coarse(grid), spreads)
     try:
+        if begin is None and lag in (one.name for one in problem.parameters):
+            # From afar a lag looks like soft tyres: it joins once the car is near.
+            others = problem.holding({lag: 0.0})
+            end = _Judge(others, judge.grid, spreads).search(others.start, 1e-3, progress)
+            near = dict(zip((one.name for one in others.parameters), end.x, strict=True))
+        x = np.array([near.get(one.name, one.start) for one in problem.parameters])
         for number in rounds:
             if number == _COARSE_ROUNDS:
                 judge.turn_to(grid)
