@@ -93,9 +93,9 @@ def print_results(results: Sequence[Result]) -> None:
         if figures["times_too_coarse"]:
             print("times are too coarse, or stand still: latencies and cycle times are unknown")
         if figures["clock_set"]:
-            print(f"the clock was set {figures['clock_set']} times: that time is left out")
+            print(f"times the clock was set: {figures['clock_set']}; that time is left out")
         if figures["unreadable"]:
-            print(f"{figures['unreadable']} lines not read, the first: ", end="")
+            print(f"lines not read: {figures['unreadable']}, the first: ", end="")
             print(figures["first_unreadable"])
         if len(figures["channels"]) > 1 and figures["latency"]["commands"]:
             print(f"several channels ({', '.join(figures['channels'])}): choose with --channel")

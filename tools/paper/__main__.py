@@ -111,7 +111,7 @@ def reproduce_all(keys: Sequence[str], out: Path, console: Console) -> None:
                 failures.append(failure)
     index = write_index(out, written)
     elapsed_s = time.perf_counter() - start_s
-    console.print(f"{len(keys) - len(failures)} results in {elapsed_s:.0f} s: {index}")
+    console.print(f"results: {len(keys) - len(failures)} in {elapsed_s:.0f} s, {index}")
     if failures:
         raise failures[0]
 
