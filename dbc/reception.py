@@ -81,6 +81,7 @@ class Reception:
             for message_type in message_types
             if message_type not in NUMBERED_WITH
         }
+        self._counted = [check for check in self._checks.values() if check is not None]
         self._received = {
             codec.can_id: (
                 codec.length,
@@ -109,13 +110,12 @@ class Reception:
     @property
     def resynchronised(self) -> int:
         """How often a restart of a sender was accepted."""
-        checks = self._checks.values()
-        return sum(check.resynchronised for check in checks if check is not None)
+        return sum(check.resynchronised for check in self._counted)
 
     @property
     def lost(self) -> int:
         """Frames that never arrived or arrived too late, by the counters of accepted frames."""
-        return sum(check.lost for check in self._checks.values() if check is not None)
+        return sum(check.lost for check in self._counted)
 
     @property
     def second_senders(self) -> Sequence[str]:
@@ -129,9 +129,8 @@ class Reception:
 
     def second_sender(self, now_ns: int) -> SecondSender:
         """Return whose messages have come from a second sender in the last NOTICE_NS."""
-        checks = (check for check in self._checks.values() if check is not None)
-        noticed_ns = (it.second_sender_ns for it in checks if it.second_sender_ns is not None)
-        return second_sender_at(self._own_ns, max(noticed_ns, default=None), now_ns)
+        seen_ns = [it.second_sender_ns for it in self._counted if it.second_sender_ns is not None]
+        return second_sender_at(self._own_ns, max(seen_ns, default=None), now_ns)
 
     def newest(self, message_type: type[Message]) -> CounterCheck:
         """Return the record of counter and arrival of a message's newest accepted frame."""
