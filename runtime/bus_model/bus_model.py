@@ -138,27 +138,29 @@ class BusModel:
         if self.errors is not None and self.errors.is_off(sender, now_ticks):
             self.lost_in_bus_off += len(frames)
             frames = ()
-        for frame in frames:
-            can_id, data, flags = frame
-            if not flags and len(data) == 8:  # most are
-                duration_ticks = bits_of_eight_bytes(can_id, data) * self._bit_ticks
-                arbitration = can_id << 21
-            else:
-                duration_ticks = self._ticks.of_frame(frame)
-                arbitration = arbitration_field(frame)
-            if len(queue) < limit or self._has_room(arbitration, sender):
-                self._submitted = number = self._submitted + 1
-                heappush(queue, (arbitration, number, duration_ticks, sender, frame))
-            elif not self.is_lossy:
-                who = self._senders.get(sender, f"sender {sender}")
-                raise BusOverflowError(
-                    f"{who} has {limit} frames of identifier 0x{can_id:03X} waiting for the bus"
-                )
-        self._carry(now_ticks)
-        if self._completed:
-            self.next_event_ns = self._completed[0][0]
-        elif self._traffic is not None:
-            self._await_submitted()
+        try:
+            for frame in frames:
+                can_id, data, flags = frame
+                if not flags and len(data) == 8:  # most are
+                    duration_ticks = bits_of_eight_bytes(can_id, data) * self._bit_ticks
+                    arbitration = can_id << 21
+                else:
+                    duration_ticks = self._ticks.of_frame(frame)
+                    arbitration = arbitration_field(frame)
+                if len(queue) < limit or self._has_room(arbitration, sender):
+                    self._submitted = number = self._submitted + 1
+                    heappush(queue, (arbitration, number, duration_ticks, sender, frame))
+                elif not self.is_lossy:
+                    who = self._senders.get(sender, f"sender {sender}")
+                    raise BusOverflowError(
+                        f"{who} has {limit} frames of identifier 0x{can_id:03X} waiting for the bus"
+                    )
+        finally:
+            self._carry(now_ticks)
+            if self._completed:
+                self.next_event_ns = self._completed[0][0]
+            elif self._traffic is not None:
+                self._await_submitted()
 
     def is_off(self, sender: int, now_ns: int) -> bool:
         """Whether a sender is in bus-off; lets it take part again when that is over."""
