@@ -57,7 +57,7 @@ def schema_of(model: type[BaseModel]) -> Schema:
 def explain(
     error: ValidationError, schema: Schema, data: Mapping[str, Any], sources: Mapping[KeyPath, str]
 ) -> list[str]:
-    """Return one line for each mistake, up to a screenful; unknown keys of a table share theirs.
+    """Return one line for each mistake, up to a screenful; unknown keys with one hint share theirs.
 
     ``schema``   JSON schema of the model
     ``data``     what was validated
@@ -72,8 +72,13 @@ def explain(
             told.setdefault((source, known), []).append(key)
     mistakes: list[str] = []
     for (source, known), keys in told.items():
+        if not known:
+            mistakes += dict.fromkeys(keys)
+            continue
         are = _NOT_KNOWN if len(keys) == 1 else " are not known keys ("
-        mistakes += [f"{source}: {', '.join(keys)}{are}{known}"] if known else dict.fromkeys(keys)
+        if len(keys) > _MISTAKES_MAX:
+            keys[_MISTAKES_MAX:] = [f"{len(keys) - _MISTAKES_MAX} more"]
+        mistakes.append(f"{source}: {', '.join(keys)}{are}{known}")
     more = len(mistakes) - _MISTAKES_MAX
     if more > 0:
         mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]

@@ -212,6 +212,7 @@ def test_many_mistakes_are_cut_short() -> None:
     lines = mistakes(f"steps={[['x', 'y']] * 1000}")
     assert len(lines) == 21
     assert lines[-1] == "and 1980 mistakes more"
+    assert ", zz19, 10 more are not known keys (" in mistakes(*(f"zz{n}=1" for n in range(30)))[0]
 
 
 def test_a_file_that_is_not_toml_is_refused_with_its_line(tmp_path: Path) -> None:
