@@ -77,8 +77,8 @@ def own_motion(
 ) -> tuple[float, float]:
     """Return the wheel's angle less the one that it is meant to have, and the path it follows.
 
-    The angle is that of the driver's wish, or ``followed_rad`` unless the driver steers alone. The
-    curvature is 0 where he does and wishes none: then no bend turns the wheel.
+    It is meant to have ``followed_rad``, or the angle that a driver who steers alone wishes. If he
+    wishes none, it follows no path: the curvature is 0.
     """
     if not driver_alone:
         return angle_rad - followed_rad, curvature_1_m

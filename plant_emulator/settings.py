@@ -54,7 +54,9 @@ def shared_vehicle(file: Path | None) -> SharedTable | None:
 def refuse_vehicle(file: Path | None) -> None:
     """Raise SettingsError for the file of a vehicle in the place of a plant's settings."""
     if file is not None and read_table(file, "uncertainty", {}):
-        raise SettingsError(f"{file}: has [uncertainty], as a vehicle: give it as --vehicle")
+        raise SettingsError(
+            f"{file}: has [uncertainty], so it is of a vehicle: give it as --vehicle"
+        )
 
 
 class PlantSettings(Settings):

@@ -30,7 +30,8 @@ def pair_warnings(plant: PlantSettings, controller: ControllerSettings) -> list[
     if plant.sensor_period_ns > oldest_ns:
         warnings.append(
             f"the plant measures every {plant.sensor_period_ms:g} ms, and the controller steers by"
-            f" no measurement older than {oldest_ns / NS_PER_MS:g} ms (supervision)"
+            f" no measurement older than {oldest_ns / NS_PER_MS:g} ms: raise"
+            " supervision.fault_tolerant_time_ms, and measurement_timeout_ms where it is set"
         )
     if sparse := sparse_measurements(controller, plant.sensor_period_ns / NS_PER_S):
         warnings.append(sparse)

@@ -41,7 +41,7 @@ def with_hand_wheel(
     }
     if len(set(ratios.values())) > 1:
         told = ", ".join(f"{table} has {its:g}" for table, its in ratios.items())
-        raise SettingsError(f"steering_ratio differs: {told}; give all the same")
+        raise SettingsError(f"steering_ratio differs: {told}; give all three the same")
     if wheel.nominal_model == NominalModelSettings():
         wheel = wheel.model_copy(update={"nominal_model": nominal_model_of(plant, force)})
     return WithHandWheel(
