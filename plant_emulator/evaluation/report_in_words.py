@@ -28,7 +28,7 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield heading, f"latency {durations_line(line['latency'])}, {line['lost']} lost"
     for fault in node.get("faults", ()):
         what = " of ".join(filter(None, (fault["kind"], fault["message"])))
-        yield "fault", f"{what}, {fault['direction']}: {fault['changed']} frames"
+        yield "fault", f"{what}, {fault['direction']}, frames: {fault['changed']}"
     safety = node["safety"]
     if safety["holdings"]:
         yield (

@@ -93,7 +93,7 @@ def print_results(results: Sequence[Result]) -> None:
         if figures["times_too_coarse"]:
             print("times are too coarse, or stand still: latencies and cycle times are unknown")
         if figures["clock_set"]:
-            print(f"times the clock was set: {figures['clock_set']}; that time is left out")
+            print(f"clock changes: {figures['clock_set']}; the jumps in time are left out")
         if figures["unreadable"]:
             print(f"lines not read: {figures['unreadable']}, the first: ", end="")
             print(figures["first_unreadable"])

@@ -187,7 +187,7 @@ def test_a_clock_that_is_set_during_the_log_costs_no_time_and_is_reported(
     later = [entry._replace(time_ns=entry.time_ns + set_ns) for entry in entries[position:]]
     path = write_log(tmp_path / "set.log", [*entries[:position], *later])
     figures = written(tmp_path / "out", path)
-    assert "times the clock was set: 1; that time is left out" in capsys.readouterr().out
+    assert "clock changes: 1; the jumps in time are left out" in capsys.readouterr().out
     whole = analyse(varying.log)
     # But for the one distance between two frames.
     assert figures["duration_s"] == pytest.approx(whole["duration_s"], abs=0.02)

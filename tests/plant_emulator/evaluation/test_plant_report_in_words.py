@@ -18,7 +18,7 @@ def test_with_motion_there_are_error_latency_and_who_limits() -> None:
     tested = steered(20, safety={"angle_rad_max": 0.05}, latency={"downlink": {"mean_s": 0.02}})
     fault = {"kind": "drop", "message": "STEERING_COMMAND", "direction": "downlink", "changed": 3}
     lines = dict(plant_summary({**tested.node.report(), "faults": [fault]}))
-    assert lines["fault"] == "drop of STEERING_COMMAND, downlink: 3 frames"
+    assert lines["fault"] == "drop of STEERING_COMMAND, downlink, frames: 3"
     assert lines["preview point"].startswith("off the path RMS ")
     assert lines["commands"].startswith("latency p50 20.00 ms")
     assert lines["limited"].startswith("commands by angle ")
