@@ -138,29 +138,23 @@ class BusModel:
         if self.errors is not None and self.errors.is_off(sender, now_ticks):
             self.lost_in_bus_off += len(frames)
             frames = ()
-        try:
-            for frame in frames:
-                can_id, data, flags = frame
-                if not flags and len(data) == 8:  # most are
-                    duration_ticks = bits_of_eight_bytes(can_id, data) * self._bit_ticks
-                    arbitration = can_id << 21
-                else:
-                    duration_ticks = self._ticks.of_frame(frame)
-                    arbitration = arbitration_field(frame)
-                if len(queue) < limit or self._has_room(arbitration, sender):
-                    self._submitted = number = self._submitted + 1
-                    heappush(queue, (arbitration, number, duration_ticks, sender, frame))
-                elif not self.is_lossy:
-                    who = self._senders.get(sender, f"sender {sender}")
-                    raise BusOverflowError(
-                        f"{who} has {limit} frames of identifier 0x{can_id:03X} waiting for the bus"
-                    )
-        finally:
-            self._carry(now_ticks)
-            if self._completed:
-                self.next_event_ns = self._completed[0][0]
-            elif self._traffic is not None:
-                self._await_submitted()
+        for frame in frames:
+            can_id, data, flags = frame
+            if not flags and len(data) == 8:  # most are
+                duration_ticks = bits_of_eight_bytes(can_id, data) * self._bit_ticks
+                arbitration = can_id << 21
+            else:
+                duration_ticks = self._ticks.of_frame(frame)
+                arbitration = arbitration_field(frame)
+            if len(queue) < limit or self._has_room(arbitration, sender):
+                self._submitted = number = self._submitted + 1
+                heappush(queue, (arbitration, number, duration_ticks, sender, frame))
+            elif not self.is_lossy:
+                who = self._senders.get(sender, f"sender {sender}")
+                raise BusOverflowError(
+                    f"{who} has {limit} frames of identifier 0x{can_id:03X} waiting for the bus"
+                )
+        self._look_ahead()
 
     def is_off(self, sender: int, now_ns: int) -> bool:
         """Whether a sender is in bus-off; lets it take part again when that is over."""
@@ -172,14 +166,21 @@ class BusModel:
             self._release_before(now_ns, self._traffic)
         self._carry(now_ns * self._per_ns)
         completed, self._completed = self._completed, []
-        if self._traffic is not None:
-            self._await_submitted()
+        self._look_ahead()
         return completed
 
-    def _await_submitted(self) -> None:
-        """Wait for no event with only frames of the traffic on the bus."""
-        if all(one[3] < 0 for one in self._queue):
+    def _look_ahead(self) -> None:
+        """Find the next end of a frame."""
+        queue = self._queue
+        if self._completed:
+            self.next_event_ns = self._completed[0][0]
+        elif not queue or (self._traffic is not None and all(one[3] < 0 for one in queue)):
             self.next_event_ns = NEVER_NS
+        else:
+            end_ticks = self._free_ticks + queue[0][2]
+            if self.errors is not None:
+                end_ticks, _ = self._end_in_noise(self._free_ticks, end_ticks, self.errors)
+            self.next_event_ns = -(-end_ticks // self._per_ns)
 
     def _release_before(self, now_ns: int, traffic: RestBus) -> None:
         """Let the messages of the traffic compete that are due before now and have room."""
@@ -201,26 +202,29 @@ class BusModel:
         return waiting < self._queue_limit
 
     def _carry(self, now_ticks: int) -> None:
-        """Complete frames that have ended by now, decide all arbitrations before now, look ahead.
+        """Complete frames that have ended by now, and decide all arbitrations before now.
 
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
-        queue, errors, free_ticks, per_ns = self._queue, self.errors, self._free_ticks, self._per_ns
-        is_whole = True
-        while queue:
+        queue, errors, free_ticks = self._queue, self.errors, self._free_ticks
+        while free_ticks < now_ticks:
+            if not queue:
+                self._idle_ticks += now_ticks - free_ticks
+                free_ticks = now_ticks
+                break
             arbitration, number, duration_ticks, sender, frame = queue[0]
-            end_ticks = free_ticks + duration_ticks
+            end_ticks, is_whole = free_ticks + duration_ticks, True
             if errors is not None:
                 end_ticks, is_whole = self._end_in_noise(free_ticks, end_ticks, errors)
-            if sender < 0 and arbitration != _ON_WIRE and free_ticks < now_ticks:
+            if sender < 0 and arbitration != _ON_WIRE:
                 self._traffic_waiting[arbitration, sender] -= 1
-            end_ns = -(-end_ticks // per_ns)
             if end_ticks > now_ticks:
-                if free_ticks < now_ticks:
+                if arbitration != _ON_WIRE:
                     queue[0] = (_ON_WIRE, number, duration_ticks, sender, frame)
                 break
             heappop(queue)
             free_ticks = end_ticks + self._intermission_ticks
+            end_ns = -(-end_ticks // self._per_ns)
             if is_whole:
                 self._frames += 1
                 self._completed.append((end_ns, sender, frame))
@@ -234,12 +238,7 @@ class BusModel:
                     self._traffic_waiting[entry[0], sender] += 1
                 if errors.on_destroyed(sender, end_ticks, self._ticks):
                     self._withdraw(sender)
-        else:
-            end_ns = NEVER_NS
-            if free_ticks < now_ticks:
-                self._idle_ticks += now_ticks - free_ticks
-                free_ticks = now_ticks
-        self._free_ticks, self.next_event_ns = free_ticks, end_ns
+        self._free_ticks = free_ticks
 
     def _end_in_noise(self, free_ticks: int, end_ticks: int, errors: BusErrors) -> tuple[int, bool]:
         """Return when the first of the queue leaves the bus, and whether it is whole by then."""
