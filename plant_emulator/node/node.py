@@ -326,10 +326,8 @@ class PlantNode:
         """
         settings, clamped = self._settings, self._sampling.frames.clamped
         reception, asked_m_s = self._reception, self._slowest_asked_m_s
-        network = self._network
-        downlink, uplink = line_report(network.downlink), line_report(network.uplink)
-        # A hand wheel's commands act without a measurement, too.
-        acted = downlink["released"] > 0 and uplink["released"] > 0
+        downlink = line_report(self._network.downlink)
+        uplink = line_report(self._network.uplink)
         return {
             "seed": settings.seed,
             "failure": self._failure,
@@ -339,7 +337,8 @@ class PlantNode:
                 settings.verdict,
                 settings.sensor_noise.lateral_error_m,
                 settings.sensor_period_ns / NS_PER_S,
-                acted or downlink["pushed"] == 0,
+                # A hand wheel's commands act without a measurement, too.
+                downlink["pushed"] == 0 or min(downlink["released"], uplink["released"]) > 0,
             ),
             "downlink": downlink,
             "uplink": uplink,
