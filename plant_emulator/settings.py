@@ -55,7 +55,7 @@ def refuse_vehicle(file: Path | None) -> None:
     """Raise SettingsError for the file of a vehicle in the place of a plant's settings."""
     if file is not None and read_table(file, "uncertainty", {}):
         raise SettingsError(
-            f"{file}: has [uncertainty], so it is of a vehicle: give it as --vehicle"
+            f"{file}: has [uncertainty], so it describes a vehicle: give it as --vehicle"
         )
 
 

@@ -59,7 +59,7 @@ REFUSED = {
     "plant --dialect none --key-file k": "--dialect takes no --key-file",
     "plant --key-file k --interventions": "--key-file: a plant with a key accepts no int",
     "plant --set x=1": "command line: x ",
-    "run car.toml": "car.toml: has [uncertainty], so it is of a vehicle: give it as --ve",
+    "run car.toml": "car.toml: has [uncertainty], so it describes a vehicle: give it as",
     "run --bit-error-rate 0.1": "bit_error_rate = 0.1 should be",
     "run --bitrate=0": "10000 to 1000000",
     "run --bus-settings none.toml": "none.toml: cannot be read",
