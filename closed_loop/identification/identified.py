@@ -216,8 +216,8 @@ def _refuse_wrong_unit_or_sign(drive: Drive, problem: Problem) -> None:
         wheel, car = drive.steering.name, drive.outputs[0].name
         much, other, unit = (wheel, car, "deg") if times > 1.0 else (car, wheel, "deg/s")
         raise SettingsError(
-            f"{much} is some {max(times, 1.0 / times):.0f} times what {other} says of a car whose"
-            f" steering ratio is {ratio:.3g} and wheelbase {wheelbase_m:.3g} m: is it in {unit}"
+            f"{much} is some {max(times, 1.0 / times):.0f} times what {other} implies for a car"
+            f" with steering ratio {ratio:.3g} and wheelbase {wheelbase_m:.3g} m: is it in {unit}"
             " (57 times)? Name its unit in --columns, or tell ratio and wheelbase by --known"
         )
 
