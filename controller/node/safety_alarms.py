@@ -114,7 +114,9 @@ class SafetyReport:
         self.validity = validity_of(self._ranges, None, None, True)
         state = modes.mode, modes.goes_forward, received.status.status
         freshness, no_fault = received.freshness(start_ns), ControllerFault.NONE
-        self.facts = facts_of(0, *freshness, no_fault, _NO_OTHER, self.validity, *state)
+        self._inputs = (0, *freshness, no_fault, _NO_OTHER, self.validity, *state)
+        """Of ``facts_of``; compared in a fifteenth of the time that making the message takes."""
+        self.facts = facts_of(*self._inputs)
         self._found_from: tuple[Any, ...] = ()
         """What the facts were found from, besides times."""
         self._fresh_until_ns = -1
@@ -169,9 +171,11 @@ class SafetyReport:
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)
         state = modes.mode, modes.goes_forward, received.status.status
-        found = facts_of(received.refused, *freshness, fault, second_sender, validity, *state)
-        if found != self.facts:
-            self.facts = found
+        inputs = received.refused, *freshness, fault, second_sender, validity, *state
+        if inputs != self._inputs:
+            self._inputs, found = inputs, facts_of(*inputs)
+            if found != self.facts:
+                self.facts = found
         # A stale message may return at any time, and a second sender is forgotten after a while.
         is_calm = freshness == _ALL_FRESH and second_sender is _NO_OTHER
         self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1
