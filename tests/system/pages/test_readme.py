@@ -148,11 +148,10 @@ def test_the_first_page_is_short() -> None:
 
 
 def run_of(plant: str, law: str, speed_km_h: str, delay_ms: str) -> Run:
+    """Return the run over a bus, as the command ``run`` has it."""
     speed = {"plant.vehicle.speed_m_s": float(speed_km_h) / 3.6}
-    return simulate(
-        plant, law, latency_s=1e-3 * float(delay_ms), duration_s=20.0, overrides=speed,
-        engine="compiled",
-    )  # fmt: skip
+    delay_s = 1e-3 * float(delay_ms)
+    return simulate(plant, law, latency_s=delay_s, duration_s=20.0, overrides=speed, bus={})
 
 
 def test_the_moving_picture_shows_what_is_said_of_it() -> None:
