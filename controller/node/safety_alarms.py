@@ -161,21 +161,16 @@ class SafetyReport:
 
     def _facts_at(self, fault: ControllerFault, now_ns: int) -> ControllerSafety:
         received, modes, validity = self._received, self._modes, self.validity
-        found_from = (
-            received.reception.refused, received.unauthenticated, fault, validity,
-            modes.mode, modes.goes_forward, received.status.status,
-        )  # fmt: skip
+        state = modes.mode, modes.goes_forward, received.status.status
+        found_from = received.reception.refused, received.unauthenticated, fault, validity, *state
         if now_ns <= self._fresh_until_ns and found_from == self._found_from:
             return self.facts
         self._found_from = found_from
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)
-        state = modes.mode, modes.goes_forward, received.status.status
         inputs = received.refused, *freshness, fault, second_sender, validity, *state
         if inputs != self._inputs:
-            self._inputs, found = inputs, facts_of(*inputs)
-            if found != self.facts:
-                self.facts = found
+            self._inputs, self.facts = inputs, facts_of(*inputs)
         # A stale message may return at any time, and a second sender is forgotten after a while.
         is_calm = freshness == _ALL_FRESH and second_sender is _NO_OTHER
         self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1
