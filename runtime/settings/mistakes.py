@@ -21,7 +21,6 @@ KeyPath = tuple[str | int, ...]
 Schema = Mapping[str, Any]
 
 _MISTAKES_MAX = 20
-_NOT_KNOWN = " is not a known key ("
 _VALUE_LENGTH_MAX = 60
 _LIKENESS_MIN = 0.85
 """Least similarity, 0 to 1, of a key in another table: it must be nearly the one written."""
@@ -63,22 +62,17 @@ def explain(
     ``data``     what was validated
     ``sources``  source of each key of ``data``; other keys have that of the nearest table above
     """
-    told: dict[tuple[str, str], list[str]] = {}
+    told: dict[tuple[str, str], dict[str, None]] = {}
     for mistake in error.errors(include_url=False):
-        if not _is_consequence(mistake):
-            line = _explain_one(mistake, schema, data, sources)
-            place, _, known = line.partition(_NOT_KNOWN)
-            source, _, key = place.rpartition(": ") if known else ("", "", line)
-            told.setdefault((source, known), []).append(key)
-    mistakes: list[str] = []
-    for (source, known), keys in told.items():
-        if not known:
-            mistakes += dict.fromkeys(keys)
-            continue
-        are = _NOT_KNOWN if len(keys) == 1 else " are not known keys ("
-        if len(keys) > _MISTAKES_MAX:
-            keys[_MISTAKES_MAX:] = [f"{len(keys) - _MISTAKES_MAX} more"]
-        mistakes.append(f"{source}: {', '.join(keys)}{are}{known}")
+        if mistake["type"] == "extra_forbidden":
+            path = _path_in(data, mistake["loc"], mistake["type"])
+            place = _source(sources, path), _hint_of(path, schema, data)
+            told.setdefault(place, {})[dotted(path)] = None
+        elif not _is_consequence(mistake):
+            told.setdefault(("", _explain_one(mistake, schema, data, sources)), {})
+    mistakes = [
+        _unknown(source, [*keys], text) if keys else text for (source, text), keys in told.items()
+    ]
     more = len(mistakes) - _MISTAKES_MAX
     if more > 0:
         mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]
@@ -159,6 +153,22 @@ def allowed(schema: Schema, path: KeyPath) -> str:
     return " or ".join(_texts(_schemas_at(schema, path, {})))
 
 
+def _unknown(source: str, keys: list[str], hinted: str) -> str:
+    if len(keys) > _MISTAKES_MAX:
+        keys[_MISTAKES_MAX:] = [f"{len(keys) - _MISTAKES_MAX} more"]
+    are = "is not a known key" if len(keys) == 1 else "are not known keys"
+    return f"{source}: {', '.join(keys)} {are} ({hinted})"
+
+
+def _hint_of(path: KeyPath, schema: Schema, data: Mapping[str, Any]) -> str:
+    """Return which key may be meant by an unknown one."""
+    name = str(path[-1])
+    tables = _schemas_at(schema, path[:-1], data)
+    siblings = {key for table in tables for key in table.get("properties", ())}
+    prefix = dotted(path).removesuffix(name)
+    return _meant_below(schema, name, siblings) or hint(name, sorted(siblings), prefix)
+
+
 def _explain_one(
     mistake: ErrorDetails, schema: Schema, data: Mapping[str, Any], sources: Mapping[KeyPath, str]
 ) -> str:
@@ -171,14 +181,6 @@ def _explain_one(
     may_be = f" (allowed: {' or '.join(texts)})" if texts else ""
     where = f"{_source(sources, path)}: {key}"
     match mistake["type"]:
-        case "extra_forbidden":
-            tables = _schemas_at(schema, path[:-1], data)
-            siblings = {name for table in tables for name in table.get("properties", ())}
-            prefix = key.removesuffix(str(path[-1]))
-            hinted = _meant_below(schema, str(path[-1]), siblings) or hint(
-                str(path[-1]), sorted(siblings), prefix
-            )
-            return f"{where}{_NOT_KNOWN}{hinted})"
         case "missing" | "union_tag_not_found":
             return f"{where} is missing{may_be}"
         case "value_error" if isinstance(value, dict):
