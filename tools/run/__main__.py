@@ -31,7 +31,7 @@ from steer_by_wire.closed_loop.pair.with_hand_wheel import with_hand_wheel
 from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
+from steer_by_wire.controller.settings import shared_vehicle as controller_vehicle
 from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument
 from steer_by_wire.dbc.edge import add_key_file_argument, read_edge_options
 from steer_by_wire.dbc.secoc.key_file import read_key
@@ -292,7 +292,7 @@ def _controller(options: argparse.Namespace) -> ControllerSettings | list[str]:
     preset = _preset_of(options, CONTROLLER_SIDE, default)
     overrides = of_side(options.overrides, CONTROLLER_SIDE)
     overrides += [] if options.law is None else [f"law={options.law}"]
-    vehicle, file, node = nominal_vehicle(options.vehicle), options.controller, CONTROLLER_SIDE
+    vehicle, file, node = controller_vehicle(options.vehicle), options.controller, CONTROLLER_SIDE
     return load_settings(ControllerSettings, preset, file, overrides, vehicle, node=node)
 
 
