@@ -1,9 +1,9 @@
 """Judges a law by all demands of a specification, over all corners and delays.
 
-The plants of the runs do not depend on the law, and are made once. A study is coarse, for the
-search, or fine, for the result. They differ in the number of delays and of points on the frequency
-axis. The runs are compiled, which gives the numbers of both nodes in virtual time. Neither node
-limits the commands in them: how much steer a law takes is demanded of it.
+The plants and the frames of the runs do not depend on the law, and are made once. A study is
+coarse, for the search, or fine, for the result. They differ in the number of delays and of points
+on the frequency axis. The runs are compiled, which gives the numbers of both nodes in virtual time.
+Neither node limits the commands in them: how much steer a law takes is demanded of it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...closed_loop.compiled.schedule import schedule_run
+from ...closed_loop.compiled.schedule import RunSchedule, schedule_run
 from ...closed_loop.parameter_space.d_stability import in_s_plane, judge
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.filters.transfer_function import TransferFunction
 from ...controller.laws.feed_forward import FeedForwardSettings
-from ...controller.laws.law_from_settings import LawDesign
+from ...controller.laws.law_from_settings import design_law
 from ...controller.limits.steer_limits import LimitSettings
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import SteeringCommand, limits
@@ -24,7 +24,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.steering.settings import SafetySettings
 from .loop_figures import CircleGrid, behind_lag, circle_grid, loop_figures
 from .search.evolution import Values
-from .search.law_parameters import controller_settings, designs, with_set_point
+from .search.law_parameters import KEYS, controller_settings, with_set_point
 from .specification import Specification
 from .vehicle_file import VehicleFile
 from .virtual_check import Driven, constant, drive, plants
@@ -95,12 +95,19 @@ class DecayDemand(NamedTuple):
     decay_1_s: float
 
 
+class Runs(NamedTuple):
+    """The plants of every path and corner behind one delay, and the instants of their runs."""
+
+    plan: RunSchedule
+    plants: Sequence[PlantSettings]
+
+
 class Study(NamedTuple):
     """A specification and a vehicle, and what of the computation is the same for every law."""
 
     spec: Specification
     vehicle: VehicleFile
-    runs: Mapping[int, Sequence[PlantSettings]]  # of every path and corner, by the delay [ns]
+    runs: Mapping[int, Runs]  # by the delay [ns]
     frequency: CircleGrid
     stability: Mapping[str, DecayDemand]
     without: frozenset[str]  # demands that are not made
@@ -140,7 +147,7 @@ def make_study(
     return Study(
         spec,
         vehicle,
-        plants_at(spec, vehicle, delays_ns),
+        runs_at(spec, vehicle, delays_ns),
         circle_grid(
             models, spec.delays_ns, spec.period_ns, _FINE_POINTS if fine else _COARSE_POINTS
         ),
@@ -150,11 +157,13 @@ def make_study(
     )
 
 
-def plants_at(
-    spec: Specification, vehicle: VehicleFile, delays_ns: Iterable[int]
-) -> dict[int, list[PlantSettings]]:
-    """Return the plants of the runs at each delay."""
-    return {each: plants(spec, vehicle, [constant(each)], safety=_NO_GUARD) for each in delays_ns}
+def runs_at(spec: Specification, vehicle: VehicleFile, delays_ns: Iterable[int]) -> dict[int, Runs]:
+    """Return the runs at each delay."""
+    any_law = controller_settings(spec, vehicle, "pd", dict.fromkeys(KEYS["pd"], 1.0))
+    at_delay = {
+        each: plants(spec, vehicle, [constant(each)], safety=_NO_GUARD) for each in delays_ns
+    }
+    return {each: Runs(schedule_run(asked[0], any_law), asked) for each, asked in at_delay.items()}
 
 
 def judge_law(study: Study, law: str, values: Values) -> Judgement:
@@ -165,7 +174,7 @@ def judge_law(study: Study, law: str, values: Values) -> Judgement:
     """
     spec = study.spec
     settings = controller_settings(spec, study.vehicle, law, values)
-    design, pd_design = designs(settings)
+    design = design_law(settings)
     demands, lacking = [], list[float]()
     for name, demanded in study.stability.items():
         loops = [SampledLoop(design, model, spec.period_ns) for model in demanded.models]
@@ -178,7 +187,7 @@ def judge_law(study: Study, law: str, values: Values) -> Judgement:
         slowness = sum(lacking) / len(lacking) / spec.d_stability.settling_1_s
         return Judgement(np.inf, _UNSTABLE + share + slowness, tuple(demands))
     if not study.without.issuperset(_OF_THE_PD):
-        demands += _region(study, pd_design)
+        demands += _region(study, settings)
     figures = loop_figures(study.frequency, design)
     demands += [
         Demand("peak sensitivity", figures.peak_sensitivity, spec.peak_sensitivity_max),
@@ -197,8 +206,10 @@ def _judged(study: Study, objective: float, demands: list[Demand]) -> Judgement:
     return Judgement(objective, sum(demand.excess for demand in made), made)
 
 
-def _region(study: Study, pd_design: LawDesign) -> list[Demand]:
+def _region(study: Study, settings: ControllerSettings) -> list[Demand]:
     """Return how many loops of the PD alone fail each part of the D-stability."""
+    alone = settings.model_copy(update={"law": "pd", "pid": None, "dob": None, "cdob": None})
+    pd_design = design_law(alone)
     table, period_ns = study.spec.d_stability, study.spec.period_ns
     parts = []
     for model in study.vehicle.models:
@@ -234,11 +245,11 @@ def preset_of(study: Study, settings: ControllerSettings) -> ControllerSettings:
 
 def driven(study: Study, settings: ControllerSettings) -> dict[int, list[Driven]]:
     """Return the runs of a law on every path and corner, by the delay."""
-    preset, found = preset_of(study, settings).model_copy(update={"limits": _LIMITLESS}), {}
-    for delay_ns, asked in study.runs.items():
-        plan = schedule_run(asked[0], preset)
-        found[delay_ns] = [drive(study.spec, plant, preset, plan) for plant in asked]
-    return found
+    preset = preset_of(study, settings).model_copy(update={"limits": _LIMITLESS})
+    return {
+        delay_ns: [drive(study.spec, plant, preset, plan) for plant in asked]
+        for delay_ns, (plan, asked) in study.runs.items()
+    }
 
 
 def _thinned(delays_ns: tuple[int, ...], count: int) -> tuple[int, ...]:

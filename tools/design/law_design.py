@@ -7,7 +7,7 @@ import numpy as np
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .demands import Demand, Judgement, Study, driven, make_study, plants_at
+from .demands import Demand, Judgement, Study, driven, make_study, runs_at
 from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
 from .search.parameter_search import Found, find
 from .specification import Specification
@@ -67,7 +67,7 @@ def describe(study: Study, found: Found) -> Design:
     if found.confirmation is not None:
         last_ns = max(last_ns, found.confirmation.stable_up_to_ns)
     delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
-    all_runs = study._replace(runs=plants_at(spec, vehicle, delays_ns))
+    all_runs = study._replace(runs=runs_at(spec, vehicle, delays_ns))
     of_delays = driven(all_runs, settings).values()
     shape = len(delays_ns), len(spec.course.paths), -1
     rms_m = np.array([[run.rms_m for run in of_delay] for of_delay in of_delays]).reshape(shape)

@@ -6,7 +6,6 @@ from typing import Any
 from ....controller.filters.nominal_model import NominalVehicle, steer_to_lateral_error
 from ....controller.filters.settings import VehicleModelSettings
 from ....controller.history.echo_delay import LinkSettings
-from ....controller.laws.law_from_settings import LawDesign, design_law
 from ....controller.limits.designed_ranges import ValiditySettings
 from ....controller.settings import ControllerSettings
 from ....runtime.node import NS_PER_MS
@@ -95,9 +94,3 @@ def validity(
     """Return what a design for a box and a delay holds for, and on what it was judged, in words."""
     box = vehicle.uncertainty.given()
     return ValiditySettings(**box, delay_ms_max=delay_ms_max, judged_on=judged_on)
-
-
-def designs(settings: ControllerSettings) -> tuple[LawDesign, LawDesign]:
-    """Return the law, and its PD without any observer."""
-    alone = settings.model_copy(update={"law": "pd", "pid": None, "dob": None, "cdob": None})
-    return design_law(settings), design_law(alone)

@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 from ....controller.analysis.sampled_loop import SampledLoop
 from ....controller.analysis.stable_delays import least_margin_ns
+from ....controller.laws.law_from_settings import design_law
 from ....runtime.node import NS_PER_MS
 from ..demands import Judgement, Study, judge_law
 from ..loop_figures import behind_lag
 from .evolution import SPREAD, Search, Values
-from .law_parameters import bounds, controller_settings, designs
+from .law_parameters import bounds, controller_settings
 
 DELAY_NS_MAX = 2_000 * NS_PER_MS
 _INFEASIBLE = 1e6
@@ -48,7 +49,7 @@ class Confirmation(NamedTuple):
 def confirm(study: Study, law: str, values: Values) -> Confirmation:
     """Return how far a law's stability reaches."""
     spec = study.spec
-    design, _ = designs(controller_settings(spec, study.vehicle, law, values))
+    design = design_law(controller_settings(spec, study.vehicle, law, values))
     step_ns = round(spec.delay.step_ms * NS_PER_MS)
     loops = [SampledLoop(design, model, spec.period_ns) for model in study.vehicle.models]
     decays = [loop.decay_1_s(delay_ns) for loop in loops for delay_ns in spec.delays_ns]
