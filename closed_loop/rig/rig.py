@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from ...controller.node.node import ControllerNode
 from ...controller.settings import ControllerSettings
@@ -52,6 +52,7 @@ from .outcome_and_assertions import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
 Foreign = MakeNode | Sequence[str]
+Ours = str | Path | ControllerSettings
 _COMMAND = "steer_by_wire.closed_loop.processes.foreign_program"
 _POLL_S = 0.05
 __tracebackhide__ = True  # pytest shows the line of the test that made the mistake
@@ -73,7 +74,7 @@ class Rig:
 
     def __init__(
         self,
-        folder: Path,
+        folder: str | Path,
         plant: str | Path | PlantSettings = "paper_nominal",
         overrides: Mapping[str, Any] = NO_OVERRIDES,
         seed: int | None = None,
@@ -87,11 +88,11 @@ class Rig:
         self.settings = settings_of(PlantSettings, plant, values, context=naming(self._language))
         self.bus = bus
         self.outcomes: list[Outcome] = []
-        self._folder = folder
+        self._folder = Path(folder)
 
     def run(
         self,
-        controller: str | MakeNode | Sequence[str],
+        controller: Ours | Foreign,
         overrides: Mapping[str, Any] = NO_OVERRIDES,
         *,
         in_real_time: bool = False,
@@ -119,19 +120,20 @@ class Rig:
 
     def _run(
         self,
-        controller: str | MakeNode | Sequence[str],
+        controller: Ours | Foreign,
         overrides: Mapping[str, Any],
         in_real_time: bool,
         lockstep: bool,
         hand_wheel: str | Path | HandWheelSettings | Foreign | None,
     ) -> Outcome:
-        if hand_wheel is not None and (in_real_time or not isinstance(controller, str)):
+        _refuse_misfit(controller, bool(overrides), in_real_time, lockstep)
+        if hand_wheel is not None and (in_real_time or not isinstance(controller, Ours)):
             raise SettingsError("hand_wheel: needs a preset or a settings file, in virtual time")
         if hand_wheel is not None and self._language.car is not None:
             raise SettingsError("hand_wheel: a rig with a dialect has none")
         files = PairFiles(self._folder / f"run{len(self.outcomes) + 1}")
         files.folder.mkdir(parents=True, exist_ok=True)
-        if not isinstance(controller, str):
+        if not isinstance(controller, Ours):
             write_text(files.settings(PLANT_PROGRAM), dump_toml(self.settings))
             if not (lockstep or callable(controller)):
                 return self._in_real_time(self.settings, files, controller)
@@ -148,7 +150,7 @@ class Rig:
                 outcome = self._in_virtual_time(ControllerNode(settings, 0), plant, files)
         else:
             own, foreign = HandWheelSettings(), None
-            if callable(hand_wheel) or (isinstance(hand_wheel, list | tuple) and hand_wheel):
+            if callable(hand_wheel) or _is_command(hand_wheel):
                 foreign = hand_wheel
             else:
                 given: Any = hand_wheel
@@ -171,8 +173,8 @@ class Rig:
         ending = ""
         for name, made in (("hand wheel", hand_wheel), ("controller", pair.controller)):
             if failure := made and made.report().get("failure"):
-                in_safe_state = "" if isinstance(made, LockstepNode) else "in its safe state: "
-                ending = f"{name} is {in_safe_state}{failure}"
+                state = "" if isinstance(made, LockstepNode) else "is in its safe state: "
+                ending = f"{name} {state}{failure}"
         report, trace = dict(pair.edge.report()), Trace.of_node(pair.plant)
         return Outcome(files, "virtual time", settings, report, trace, ending)
 
@@ -212,11 +214,35 @@ def _made(node: Foreign | HandWheelSettings) -> Iterator[ReportingNode]:
     if isinstance(node, HandWheelSettings):
         yield HandWheelNode(node, 0)
     elif callable(node):
+        if not hasattr(made := node(0), "on_tick"):
+            raise SettingsError(f"{node}: returned {made!r}, which is no node")
         # Wrapped, because a node of ours would be put behind a gateway.
-        yield Wrapper(node(0))
+        yield Wrapper(made)
     else:
         with lockstep_peer(node) as peer:
             yield LockstepNode(peer, 0)
+
+
+def _is_command(given: object) -> TypeGuard[Sequence[str]]:
+    words = given if isinstance(given, list | tuple) else ()
+    return bool(words) and all(isinstance(word, str) for word in words)
+
+
+def _refuse_misfit(given: object, overrides: bool, in_real_time: bool, lockstep: bool) -> None:
+    """Raise SettingsError for a controller that cannot be run, or not as it is asked for."""
+    is_ours, is_command = isinstance(given, Ours), _is_command(given)
+    is_line = isinstance(given, str) and not given.endswith(".toml") and set(given) & set("/ {")
+    if is_line or not (is_ours or is_command or callable(given)):
+        raise SettingsError(
+            f"controller: {given!r} is no preset, settings file (.toml) or function that makes a"
+            " node; a program is given by its words, as ['./my_controller', '{channel}']"
+        )
+    if overrides and not is_ours:
+        raise SettingsError("overrides: are for a preset or a settings file")
+    if lockstep and (in_real_time or not is_command):
+        raise SettingsError("lockstep: is for the words of a command, in virtual time")
+    if in_real_time and callable(given):
+        raise SettingsError("in_real_time: a function runs in virtual time")
 
 
 def _filled(words: Sequence[str], bus: Bus) -> list[str]:

@@ -221,7 +221,7 @@ def test_one_that_fails_on_the_way_is_one_line_with_the_time(tmp_path: Path) -> 
     too_long = pack(Record(WAKE_ON_FRAMES, NEVER_NS)) + b"bye"
     rig = Rig(tmp_path, overrides={"duration_s": 1.0})
     ending = rig.run(answering(repr(too_long)), lockstep=True).ending
-    assert re.fullmatch(r"controller is at 0\.0\d\d s: .* this with b'bye.*", ending)
+    assert re.fullmatch(r"controller at 0\.0\d\d s: .* this with b'bye.*", ending)
 
 
 def test_a_slow_program_makes_the_same_run(tmp_path: Path) -> None:

@@ -183,13 +183,8 @@ def test_each_demand_on_its_conduct_is_switched_off_by_name(
 @pytest.mark.parametrize("preset", sampled(("practical_packet", "paper_pd"), RIGHT))
 def test_a_right_controller_passes(preset: str, tmp_path: Path) -> None:
     sensor_ms, duration_s = (1.0, 4.0) if preset == "paper_pd" else (10.0, 8.0)
-    overrides = {"duration_s": duration_s, "sensor_period_ms": sensor_ms}
-    rig = Rig(tmp_path, overrides=overrides)
+    rig = Rig(tmp_path, overrides={"duration_s": duration_s, "sensor_period_ms": sensor_ms})
     rig.run(preset).assert_holds(rms_m=0.1)
-
-
-def test_frames_that_are_passed_on_unchanged_pass(tmp_path: Path) -> None:
-    driven(tmp_path, steers(lambda _n, rad: rad)).assert_holds(rms_m=0.1)
 
 
 FAST = controller_preset(
@@ -207,10 +202,10 @@ FAST = controller_preset(
 def test_a_cycle_too_late_is_red_where_a_cycle_matters(by: int, tmp_path: Path) -> None:
     rig = Rig(tmp_path, overrides={**PLANT, "latency.downlink.mean_s": 0.012})
     outcome = rig.run(lambda start_ns: Changed(start_ns, late(by), FAST))
-    if not by:
+    if by:
+        assert first_line(outcome).startswith("verdict: limit cycle: ")
+    else:
         outcome.assert_holds()
-        return
-    assert first_line(outcome).startswith("verdict: limit cycle: ")
 
 
 class Startled(Changed):
