@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.analysis.check_figures import loop_around
-from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
+from ...controller.analysis.stable_delays import least_margin_ns
 from ...controller.filters.nominal_model import NominalVehicle
 from ...controller.settings import PRESETS, ControllerSettings
 from ...runtime.array_types import FloatArray
@@ -89,6 +89,4 @@ def _nominal(found: Fit, x: FloatArray, speed_m_s: float) -> NominalVehicle:
 
 
 def _margin_s(settings: ControllerSettings, vehicle: NominalVehicle) -> float:
-    stable = stable_delays(loop_around(settings, vehicle, {}), DELAY_NS_MAX)
-    margin_ns = delay_margin_ns(stable)
-    return (DELAY_NS_MAX if margin_ns is None else margin_ns) / NS_PER_S
+    return least_margin_ns([loop_around(settings, vehicle, {})]) / NS_PER_S

@@ -40,21 +40,20 @@ class Interval(NamedTuple):
 
 def stable_delays(loop: Loop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[Interval, ...]:
     """Return the stable delays from 0 to a limit, ascending; empty if there are none."""
+    tested_ns, is_stable = _scan(loop, delay_ns_max)
+    return stable_intervals({each: is_stable(each) for each in tested_ns}, is_stable)
+
+
+def _scan(loop: Loop, delay_ns_max: int) -> tuple[list[int], Callable[[int], bool]]:
+    """Return the delays that are judged, ascending, and what judges them."""
     scan = [*range(0, delay_ns_max, SCAN_STEP_NS), delay_ns_max]
     if isinstance(loop, PeriodicLoop):
         # Just after a step, too: the measured delay may jump there.
-        tested = sorted({*scan, *(delay_ns + 1 for delay_ns in scan[:-1])})
-        return stable_intervals({each: loop.is_stable(each) for each in tested}, loop.is_stable)
+        return sorted({*scan, *(delay_ns + 1 for delay_ns in scan[:-1])}), loop.is_stable
     modes = GrowingModes(loop, delay_ns_max)
     crossings = [0, *(round(delay_ns) for delay_ns in modes.crossings_ns()), delay_ns_max]
     between = {(a + b) // 2 for a, b in pairwise(crossings) if b - a > RESOLUTION_NS}
-
-    def is_stable(delay_ns: int) -> bool:
-        return modes.count(delay_ns) == 0
-
-    return stable_intervals(
-        {each: is_stable(each) for each in sorted({*scan, *between})}, is_stable
-    )
+    return sorted({*scan, *between}), lambda delay_ns: modes.count(delay_ns) == 0
 
 
 def stable_intervals(
@@ -62,22 +61,31 @@ def stable_intervals(
 ) -> tuple[Interval, ...]:
     """Return the stable stretches of delays [ns], from the verdicts on some of them.
 
-    Between two with different verdicts the boundary is bisected; ``judged`` gets those verdicts.
+    Between two with different verdicts the boundary is bisected; ``judged`` gets its two ends.
     """
     for (low_ns, was_stable), (high_ns, becomes_stable) in pairwise(sorted(judged.items())):
-        while was_stable != becomes_stable and high_ns - low_ns > resolution_ns:
-            middle_ns = (low_ns + high_ns) // 2
-            judged[middle_ns] = is_stable(middle_ns)
-            if judged[middle_ns] == was_stable:
-                low_ns = middle_ns
-            else:
-                high_ns = middle_ns
+        if was_stable != becomes_stable:
+            ends_ns = _boundary(low_ns, high_ns, was_stable, is_stable, resolution_ns)
+            judged.update(zip(ends_ns, (was_stable, becomes_stable), strict=True))
     stretches = (
         [delay_ns for delay_ns, _ in group]
         for verdict, group in groupby(sorted(judged.items()), key=itemgetter(1))
         if verdict
     )
     return tuple(Interval(delays_ns[0], delays_ns[-1]) for delays_ns in stretches)
+
+
+def _boundary(
+    low_ns: int, high_ns: int, was_stable: bool, is_stable: Callable[[int], bool], within_ns: int
+) -> tuple[int, int]:
+    """Return two delays with different verdicts, at most so far apart."""
+    while high_ns - low_ns > within_ns:
+        middle_ns = (low_ns + high_ns) // 2
+        if is_stable(middle_ns) == was_stable:
+            low_ns = middle_ns
+        else:
+            high_ns = middle_ns
+    return low_ns, high_ns
 
 
 def delay_margin_ns(
@@ -92,7 +100,21 @@ def delay_margin_ns(
     return None if intervals[0].last_ns >= delay_ns_max else intervals[0].last_ns
 
 
-def least_margin_ns(loops: Iterable[SampledLoop], delay_ns_max: int = DELAY_NS_MAX) -> int:
-    """Return the delay up to which every loop is stable [ns], at most the limit of the search."""
-    margins = (delay_margin_ns(stable_delays(loop, delay_ns_max), delay_ns_max) for loop in loops)
-    return min(delay_ns_max if margin_ns is None else margin_ns for margin_ns in margins)
+def least_margin_ns(loops: Iterable[Loop], delay_ns_max: int = DELAY_NS_MAX) -> int:
+    """Return the delay up to which every loop is stable [ns], at most the limit of the search.
+
+    It is the least ``delay_margin_ns``; what lies beyond is not judged.
+    """
+    margin_ns = delay_ns_max
+    for loop in loops:
+        tested_ns, is_stable = _scan(loop, delay_ns_max)
+        stable_ns = 0
+        for delay_ns in tested_ns:
+            if not is_stable(delay_ns):
+                end_ns, _ = _boundary(stable_ns, delay_ns, True, is_stable, RESOLUTION_NS)
+                margin_ns = min(margin_ns, end_ns)
+                break
+            if delay_ns >= margin_ns:
+                break
+            stable_ns = delay_ns
+    return margin_ns
