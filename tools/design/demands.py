@@ -87,19 +87,16 @@ class Judgement(NamedTuple):
     demands: tuple[Demand, ...]
 
 
+Runs = tuple[RunSchedule, list[PlantSettings]]
+"""The instants of runs behind one delay, and the plants of every path and corner."""
+
+
 class DecayDemand(NamedTuple):
     """How fast every mode of a law has to decay around these plants, at each delay."""
 
     models: Sequence[TransferFunction]
     delays_ns: tuple[int, ...]
     decay_1_s: float
-
-
-class Runs(NamedTuple):
-    """The plants of every path and corner behind one delay, and the instants of their runs."""
-
-    plan: RunSchedule
-    plants: Sequence[PlantSettings]
 
 
 class Study(NamedTuple):
@@ -163,7 +160,7 @@ def runs_at(spec: Specification, vehicle: VehicleFile, delays_ns: Iterable[int])
     at_delay = {
         each: plants(spec, vehicle, [constant(each)], safety=_NO_GUARD) for each in delays_ns
     }
-    return {each: Runs(schedule_run(asked[0], any_law), asked) for each, asked in at_delay.items()}
+    return {each: (schedule_run(asked[0], any_law), asked) for each, asked in at_delay.items()}
 
 
 def judge_law(study: Study, law: str, values: Values) -> Judgement:
