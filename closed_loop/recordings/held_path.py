@@ -106,6 +106,7 @@ class HeldPath:
                     figures.add(error_m, cg_deviation_m, judged_m, self._wheel_rad, self._limit)
         elif isinstance(message, messages.VehicleState):
             self._curvature_1_m = message.preview_curvature_1_m
+            self._figures.stands = self._of_car.stands = message.speed_m_s == 0.0
         elif isinstance(message, messages.CarTruth) and at_s >= self._first_s:
             self._grip_at_s = at_s - self._first_s
             self._of_car.grip = grip_step(

@@ -58,6 +58,8 @@ def verdict_text(node: Report) -> str:
     parts = [f"{verdict}: {_REASONS[verdict](node)}"]
     if used_up := grip_text(node.get("grip_used")):
         parts.append(used_up)
+    if node.get("stands"):  # a bus that is still watched does not tell
+        parts.append("the car stood still at the end")
     if node["limited_share_by"]:
         limited = ", ".join(
             f"{name.replace('_', ' ')} {_percent(s)}"

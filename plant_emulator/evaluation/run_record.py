@@ -73,6 +73,7 @@ class RunningFigures:
     ``beyond_lane_m``  how far a corner of the body was beyond an edge of its lane; NaN without one
     ``grip``     what it had used of its grip, and ``left_path_s``: when it left its path, or NaN
     ``limited``  samples at which a limit decided about the wheel, by its name
+    ``stands``   whether the car stands still now
     """
 
     def __init__(self, rules: HeldRules, newest: int = 0) -> None:
@@ -81,6 +82,7 @@ class RunningFigures:
         self.beyond_lane_m = math.nan
         self.grip, self.left_path_s = GripUsed(), math.nan
         self.limited: Counter[str] = Counter()
+        self.stands = False
         self.newest_m: deque[float] = deque(maxlen=newest)
         self.newest_wheel_rad: deque[float] = deque(maxlen=newest)
 
@@ -139,6 +141,7 @@ class RunRecord:
     def figures(self) -> RunningFigures:
         """Figures of all samples so far."""
         self._process_waiting()
+        self._figures.stands = self._motion.speed_m_s == 0.0
         return self._figures
 
     @property

@@ -7,6 +7,7 @@ import pytest
 
 from steer_by_wire.closed_loop.pair.virtual_pair import make_virtual_pair
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from steer_by_wire.plant_emulator.node.node import PlantNode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import SettingsError
@@ -46,6 +47,7 @@ def test_a_fallback_that_stops_brakes_to_a_stand_along_the_path() -> None:
     assert speeds[-1] == 0.0
     assert speeds[45] - speeds[55] == pytest.approx(4.0, rel=0.03)
     assert plant.report()["beyond_lane_m"] < -0.5
+    assert "the car stood still at the end" in verdict_text(plant.report())
 
 
 def test_commands_that_come_back_end_the_braking() -> None:
@@ -54,6 +56,7 @@ def test_commands_that_come_back_end_the_braking() -> None:
     speeds = speeds_m_s(plant)
     assert min(speeds) < 15.0
     assert speeds[-1] == pytest.approx(speeds[10], rel=0.01)
+    assert "stood still" not in verdict_text(plant.report())
 
 
 def test_the_linear_vehicle_cannot_brake() -> None:
