@@ -151,8 +151,10 @@ def _without_skips(
             continue
         later_ns = float(np.median(behind_ns) - np.median(before_ns))
         count = min(round(later_ns / period_ns), int(silences_ns[place] // period_ns))
+        if count <= 0:
+            continue
         error_ns = max(_standard_error_ns(before_ns, behind_ns), least_ns)
-        if count > 0 and later_ns > SIGNIFICANT * error_ns:
+        if later_ns > SIGNIFICANT * error_ns:
             corrected_ns[place:] -= count * period_ns
             skipped += count
     return corrected_ns, skipped
