@@ -29,9 +29,9 @@ OPTIONS = (
 _POLL_S = 0.1
 _FEWER_PICTURES = """{
     const next = window.requestAnimationFrame.bind(window);
-    window.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 100);
+    window.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 200);
 }"""
-"""Eight pictures a second instead of sixty, which without a graphics processor take a core."""
+"""Four pictures a second instead of sixty, which without a graphics processor take a core."""
 
 
 def chromium() -> str | None:

@@ -340,8 +340,8 @@ def test_a_car_is_driven_from_standstill_to_standstill(browser: Browser, live: s
     assert browser.read(value_of("speed_m_s")) == 0.0
     signals = ("speed_m_s", "rear_grip_used", "front_load_share")
     speed, grip, load = (value_of(name).replace("nowS", "nowS - k / 10") for name in signals)
-    seen = f"[...Array(600).keys()].some((k) => {speed} > 6 && {grip} > 0.2 && {load} < {at_rest})"
-    watch = f"setInterval(() => window.moved ||= {seen}, 50)"
+    seen = f"[...Array(50).keys()].some((k) => {speed} > 6 && {grip} > 0.2 && {load} < {at_rest})"
+    watch = f"setInterval(() => window.moved ||= {seen}, 100)"
     browser.read(f"navigator.getGamepads = () => {pads}; {watch}")
     browser.wait_for("window.moved")
     browser.read("delete navigator.getGamepads")

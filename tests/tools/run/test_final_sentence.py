@@ -14,8 +14,8 @@ from steer_by_wire.plant_emulator.evaluation.report_in_words import verdict_text
 from tests.support.suite.combinations import sampled
 
 SEED = 55
-SAMPLE = (0, 3, 5, 6, 7, 9, 13, 14, 24, 26, 27, 32, 37, 39)
-"""With each verdict among these."""
+SAMPLE = (0, 3, 5, 6, 7, 9, 12, 13, 14, 24, 26, 29, 32, 37)
+"""With each verdict that is among all."""
 DELAYS_S = (0.0, 0.02, 0.08, 0.16, 0.25, 0.35, 0.45, 0.55)
 NOISES_M = (0.0, 0.0, 0.002, 0.01, 0.02)
 DURATIONS_S = (4.0, 8.0, 15.0, 20.0, 30.0)
