@@ -1,4 +1,4 @@
-"""What the visitor does: orders of the page in a file that two processes map, or a USB wheel's.
+"""Orders of the visitor: from the page, in a file that two processes map, or from a USB wheel.
 
 A USB steering wheel is read and moved by Linux's evdev. Between it and the emulated hand wheel is
 the visitor's grip, a spring and a damper. What they put on the emulated wheel acts on the real one
@@ -34,7 +34,7 @@ HANDS_OFF = "hands_off"
 _CONTENT = struct.Struct("=qdqdq")
 _EMPTY = _CONTENT.pack(-RELEASED_NS, 0.0, 0, 0.0, -1)
 TURN_RAD = math.radians(900.0)
-"""From stop to stop; chosen, as most wheels do where nobody sets another range."""
+"""From stop to stop; chosen, as most wheels do by default."""
 FULL_N_M = 2.5
 """Torque for which the device is asked for all it has; chosen, that of a wheel with a belt."""
 _PERIOD_NS = 4 * NS_PER_MS

@@ -1,4 +1,4 @@
-"""Fulfils what pages ask for, in order, and keeps what all of them show.
+"""Desk of the cockpit: fulfils what pages ask for, in order, and keeps what all of them show.
 
 Starting and ending programs takes seconds, so it is done in a thread of its own.
 """
@@ -15,7 +15,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from ...closed_loop.reports.law_colours import law_lines
-from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, encode
+from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig, LatencyModel, encode
+from ...plant_emulator.network.latency_distributions import Distribution
 from ...runtime.exit_status import BusError
 from ...runtime.settings import Settings, SettingsError
 from .hand import SPEED_M_S_MAX
@@ -42,7 +43,7 @@ class SetLatency(Settings):
         way, own = Direction[self.direction.upper()], self.latency
         return LatencyConfig(
             direction=way,
-            model=own.wire_model,
+            model=LatencyModel[Distribution(own.model).name],
             mean_s=own.mean_s,
             spread_s=own.spread_s,
             loss=own.loss,
@@ -181,9 +182,11 @@ class Desk:
         """Return all that a page needs before the first row, ready for JSON."""
         bus = lane_facts("bus", law_lines([""])[0])
         facts = [bus] if self._own is None else self._own.facts
+        laws = () if self._scenario is None else self._scenario.controllers
+        has_hand_wheel = not HAND_WHEELS.keys().isdisjoint(laws)
         return {
             "kind": "hello",
-            **shown(has_hand_wheel=self._has_hand_wheel),
+            **shown(has_hand_wheel=has_hand_wheel),
             "row_period_s": ROW_PERIOD_S,
             "lanes": [lane._asdict() for lane in facts],
             "bus": self._bus if self._own is None else self._own.bus,
@@ -192,12 +195,6 @@ class Desk:
             "choices": choices(),
             "scenario": self._scenario and self._scenario.model_dump(mode="json"),
         }
-
-    @property
-    def _has_hand_wheel(self) -> bool:
-        return self._scenario is not None and not HAND_WHEELS.keys().isdisjoint(
-            self._scenario.controllers
-        )
 
     def status(self) -> Mapping[str, Any]:
         """Return what changes a few times a second, ready for JSON."""

@@ -1,4 +1,4 @@
-"""From the frames of one lane to rows of signals, lights and a list of frames.
+"""Sampler: from the frames of one lane to rows of signals, lights and a list of frames.
 
 Frames come live or from a recording, and so both show the same figures. The running figures are
 those of the car at every LATERAL_ERROR that was accepted.
@@ -50,7 +50,7 @@ class Place:
         """Of the speed: along the path."""
 
     def on_error(self, message: messages.LateralError) -> None:
-        """Take where the vehicle is beside the path, and how it heads."""
+        """Take where the vehicle is relative to the path, and how it heads."""
         curvature_1_m = 0.0 if self._newest is None else self._newest[1].preview_curvature_1_m
         nearness = max(1.0 - curvature_1_m * message.lateral_error_m, NEARNESS_MIN)
         self._along = math.cos(message.heading_error_rad) / nearness
@@ -136,7 +136,7 @@ class Sampler:
     ``start_ns``  from which the rows' times count
     ``path``      that is driven; None where it is not known
     ``ghost``     drawn next to the visitor's car; None where no hand steers
-    ``listening``  understands the bus
+    ``listening`` understands the bus
     """
 
     def __init__(

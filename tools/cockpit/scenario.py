@@ -11,7 +11,6 @@ from pydantic import Field, field_validator
 from ...closed_loop.pair.with_hand_wheel import with_hand_wheel
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings, controller_preset
-from ...dbc.messages import LatencyModel
 from ...hand_wheel.settings import HandWheelSettings
 from ...hand_wheel.wheel import GRIPS
 from ...plant_emulator.network.latency_distributions import Distribution
@@ -60,11 +59,6 @@ class Latency(Settings):
     mean_s: Annotated[float, Field(ge=0.0, le=2.0)] = 0.0
     spread_s: Annotated[float, Field(ge=0.0, le=2.0)] = 0.0
     loss: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
-
-    @property
-    def wire_model(self) -> LatencyModel:
-        """The model's code on the bus."""
-        return LatencyModel[Distribution(self.model).name]
 
 
 class Scenario(Settings):

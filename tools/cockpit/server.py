@@ -42,7 +42,6 @@ class Server:
         self._desk = desk
         self._block = block
         self._strangers: dict[web.RequestHandler, None] = {}
-        self.pages = 0
 
     def connection(self, runner: web.AppRunner) -> web.RequestHandler:
         """Return the protocol of a new connection; too many strangers close the oldest of them."""
@@ -113,7 +112,6 @@ class Server:
             max_msg_size=_MESSAGE_BYTES_MAX, heartbeat=60.0, writer_limit=_BACKLOG_BYTES
         )
         await socket.prepare(request)
-        self.pages += 1
         feeding = asyncio.create_task(self._feed(self._desk, socket))
         try:
             async for message in socket:
@@ -121,7 +119,6 @@ class Server:
                     refusal = await self._desk.fulfil(message.data)
                     await socket.send_str(json.dumps({"kind": "answer", "refusal": refusal}))
         finally:
-            self.pages -= 1
             feeding.cancel()
             with suppress(asyncio.CancelledError, ConnectionError):
                 await feeding
