@@ -1,4 +1,4 @@
-"""Judges a law by all demands of a specification, over all corners and delays.
+"""Judgement of a law by all demands of a specification, over all corners and delays.
 
 The plants and the frames of the runs do not depend on the law, and are made once. A study is
 coarse, for the search, or fine, for the result. They differ in the number of delays and of points
@@ -100,7 +100,7 @@ class DecayDemand(NamedTuple):
 
 
 class Study(NamedTuple):
-    """A specification and a vehicle, and what of the computation is the same for every law."""
+    """A specification and a vehicle, and what of the computation no law changes."""
 
     spec: Specification
     vehicle: VehicleFile

@@ -1,9 +1,10 @@
-"""Designs one law: search, confirmation, and its figures."""
+"""Design of one law: search, confirmation, and its figures."""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from ...controller.laws.law_from_settings import required
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
@@ -63,9 +64,7 @@ def describe(study: Study, found: Found) -> Design:
     """Return everything about a law that has been found."""
     spec, vehicle, law = study.spec, study.vehicle, found.law
     settings = controller_settings(spec, vehicle, law, found.values)
-    last_ns = spec.delays_ns[-1]
-    if found.confirmation is not None:
-        last_ns = max(last_ns, found.confirmation.stable_up_to_ns)
+    last_ns = max(spec.delays_ns[-1], required(found.confirmation).stable_up_to_ns)
     delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
     all_runs = study._replace(runs=runs_at(spec, vehicle, delays_ns))
     of_delays = driven(all_runs, settings).values()

@@ -58,7 +58,7 @@ def behind_lag(model: TransferFunction, lag_s: float) -> TransferFunction:
 
 
 _OMEGA_RAD_S_MIN = 0.02
-"""The grids of ω are linear below this and logarithmic above."""
+"""Angles of a grid are evenly spread below this, and by a constant factor above it."""
 
 
 class CircleGrid(NamedTuple):
@@ -81,7 +81,7 @@ def circle_grid(
 ) -> CircleGrid:
     """Return the grid, without z = 1."""
     scale = _OMEGA_RAD_S_MIN * period_ns / NS_PER_S
-    angle_rad = _spread(math.pi, scale, points)[1:]
+    angle_rad = scale * np.sinh(np.linspace(0.0, math.asinh(math.pi / scale), points))[1:]
     z = np.exp(1j * angle_rad)
     return CircleGrid(angle_rad, z, plant_responses(models, delays_ns, period_ns, z))
 
@@ -114,8 +114,3 @@ def _peak(size: FloatArray) -> FloatArray:
     rounded = top - np.square(after - before) / (8.0 * bend)
     # At the ends of the axis the largest value need not be a peak.
     return np.where(top >= np.maximum(before, after), rounded, size.max(axis=-1))
-
-
-def _spread(last: float, scale: float, points: int) -> FloatArray:
-    """Return 0 to ``last``, evenly below ``scale`` and by a constant factor above it."""
-    return np.asarray(scale * np.sinh(np.linspace(0.0, math.asinh(last / scale), points)))

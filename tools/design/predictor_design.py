@@ -1,11 +1,10 @@
-"""Designs the predictor: the noise that its filter assumes, and the weight in its feedback's cost.
+"""Design of the predictor: the noise its filter assumes, and the weight in its feedback's cost.
 
 The gains of filter and feedback follow from these for every speed. Minimised is the RMS of the
 car's deviation once it has settled, the worst of every path, vehicle and delay; on a road, the
 largest deviation. Limited are the peak sensitivity, how much of the noise of all sensors reaches
 the steer, and the largest deviation under each of the specification's conditions. The runs are
-compiled, with limits, quantisation and counters. The evolution strategy is the same as for the
-other laws.
+compiled, with limits, quantisation and counters. The search is that of the other laws.
 
 Where the specification gives a margin of lag, the lag that the law believes in is searched too, and
 the loop has to meet its limits with the vehicle's own lag and with the believed one, which is the
@@ -58,7 +57,7 @@ START = {
     "curvature_walk_1_m_sqrt_s": 0.02,
     "yaw_rate_noise_rad_s_sqrt_s": 0.05,
 }
-"""What is searched, and from where."""
+"""What is searched, and where it starts."""
 START_WITH_YAW_RATE = {
     "steer_per_error_rad_m": 0.3,
     "steering_offset_walk_rad_sqrt_s": 0.0005,
@@ -67,7 +66,7 @@ START_WITH_YAW_RATE = {
     "side_slip_noise_rad_sqrt_s": 0.0005,
     "yaw_rate_sensor_noise_rad_s": 0.002,
 }
-"""The same where the law reads the yaw rate."""
+"""Start where the law reads the yaw rate."""
 START_WITH_PATH = {
     "steer_per_error_rad_m": 0.45,
     "steering_offset_walk_rad_sqrt_s": 0.0001,
@@ -76,7 +75,7 @@ START_WITH_PATH = {
     "side_slip_noise_rad_sqrt_s": 0.0007,
     "yaw_rate_sensor_noise_rad_s": 0.0008,
 }
-"""The same where the path is known, too: a filter that believes its model."""
+"""Start where the path is known, too: a filter that believes its model."""
 _CURVATURE_AVERAGING_S = 0.05
 """Mean of the rate of VEHICLE_STATE's curvature; chosen."""
 _RANGE, _RANGE_WITH_YAW_RATE = 30.0, 6.0
@@ -224,12 +223,12 @@ class PredictorDesign(NamedTuple):
     """A predictor, and its figures.
 
     ``rms_m``            worst path and vehicle at each of ``delays_ns``, from the start
-    ``settled_rms_m``    the same without the first seconds
+    ``settled_rms_m``    ``rms_m`` without the first seconds
     ``linear``           worst vehicle and delay
     ``jitter_rms_m``     worst path and vehicle of each jitter of the specification, settled
     ``conditions_m``     largest error under each of the specification's conditions
     ``road_m``           on a road, ``road_errors_m`` at each of ``delays_ns``; else empty
-    ``without_path_m``   the same where PATH_AHEAD does not come, of a design that knows the path
+    ``without_path_m``   ``road_m`` where PATH_AHEAD does not come, of a design that knows the path
     ``fallback_up_to_ns``  constant delay up to which every corner is stable with the pd_ddob that
                          takes over without echoes; at most DELAY_NS_MAX of the analysis
     ``ended``            whether the search came to its end; otherwise this is its best so far
@@ -367,7 +366,7 @@ def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDes
 
 
 def _without_path(task: Task) -> Task:
-    """Return the same task where the plant does not send PATH_AHEAD."""
+    """Return the task where the plant does not send PATH_AHEAD."""
     table = task.table
     road = required(table.road).model_copy(update={"path_known": False})
     without = {"predictor": table.model_copy(update={"road": road})}

@@ -1,4 +1,4 @@
-"""Designs the laws of a specification, or a frontier; prints why each value is what it is."""
+"""Program ``steer-by-wire design``: designs the laws of a specification, or a frontier."""
 
 import argparse
 import sys

@@ -198,14 +198,13 @@ def measured(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
         held_ms = design.rms_held_up_to_ns // NS_PER_MS
         yield "", f"at most {spec.rms_m_max_of(design.found.law):g} m up to {held_ms} ms"
     yield from _jitters(spec, design.jitter_rms_m, "gamma, newest wins; virtual time")
-    confirmation = design.found.confirmation
-    if confirmation is not None:
-        yield "stable", f"up to {confirmation.stable_up_to_ns // NS_PER_MS} ms"
-        if spec.actuator is not None and confirmation.with_lag_up_to_ns is not None:
-            lag_ms = confirmation.with_lag_up_to_ns // NS_PER_MS
-            lag = f"a steering actuator lag of {spec.actuator.lag_s:g} s"
-            yield "", f"up to {lag_ms} ms behind {lag}"
-        yield "settling", f"no mode decays more slowly than {confirmation.decay_1_s:.3g} 1/s"
+    confirmation = required(design.found.confirmation)
+    yield "stable", f"up to {confirmation.stable_up_to_ns // NS_PER_MS} ms"
+    if spec.actuator is not None and confirmation.with_lag_up_to_ns is not None:
+        lag_ms = confirmation.with_lag_up_to_ns // NS_PER_MS
+        lag = f"a steering actuator lag of {spec.actuator.lag_s:g} s"
+        yield "", f"up to {lag_ms} ms behind {lag}"
+    yield "settling", f"no mode decays more slowly than {confirmation.decay_1_s:.3g} 1/s"
 
 
 def _figures(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:

@@ -54,10 +54,8 @@ def on_road(road: RoadTable, vehicle: VehicleFile) -> VehicleFile:
     speeds_m_s = [plant.vehicle.speed_m_s for plant in roads_of(road.study)]
     low_m_s, high_m_s = min(speeds_m_s), max(speeds_m_s)
     own = vehicle.uncertainty.speed_m_s or (low_m_s, high_m_s)
-    speeds = {"speed_m_s": (min(low_m_s, *own), max(high_m_s, *own))}
-    of_box = vehicle.uncertainty.model_copy(update=speeds)
-    nominal = vehicle.vehicle.model_copy(update={"speed_m_s": 0.5 * (low_m_s + high_m_s)})
-    return vehicle.model_copy(update={"vehicle": nominal, "uncertainty": of_box})
+    range_m_s = min(low_m_s, *own), max(high_m_s, *own)
+    return vehicle.at_speeds(0.5 * (low_m_s + high_m_s), range_m_s)
 
 
 def road_plants(

@@ -67,6 +67,12 @@ class VehicleFile(Settings):
         """Return G of each corner of the box."""
         return tuple(steer_to_lateral_error(corner) for corner in self.corners)
 
+    def at_speeds(self, own_m_s: float, range_m_s: tuple[float, float]) -> Self:
+        """Return the vehicle at this speed, and with this range of speeds."""
+        nominal = self.vehicle.model_copy(update={"speed_m_s": own_m_s})
+        of_box = self.uncertainty.model_copy(update={"speed_m_s": range_m_s})
+        return self.model_copy(update={"vehicle": nominal, "uncertainty": of_box})
+
     @model_validator(mode="after")
     def _refuse_ranges_without_the_nominal_value(self) -> Self:
         ranges = self.uncertainty.given()

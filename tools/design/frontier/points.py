@@ -60,7 +60,7 @@ class Point(NamedTuple):
     ``delay_ms``     guaranteed: all demands hold for each constant delay up to it
     ``rms_m``        of the car, worst of corners and delays, without noise
     ``margin_ms``    delay at which the worst corner becomes unstable
-    ``lagged_ms``    the same, behind an unknown lag of the steering of 0.1 s
+    ``lagged_ms``    that delay behind an unknown lag of the steering of 0.1 s
     ``noisy_rms_m``  of a run of the nominal vehicle at the delay, with sensor noise
     ``values``       of the parameters, by their keys in the settings
     ``q_kind``       filter of the DOB; None without one

@@ -14,7 +14,7 @@ class Structure(NamedTuple):
     """What a law consists of.
 
     ``law``          in the settings of the controller
-    ``reads``        beside the lateral error
+    ``reads``        besides the lateral error
     ``follows_car``  whether it has the set point that puts the car on the path
     ``takes_map``    whether the curvature of the map is added, by [feed_forward]
     ``q_kinds``      filters of the DOB, of which the better one is taken
@@ -59,7 +59,7 @@ class PanelTable(Settings):
                               deviation on the lateral error, and of 0.1 rad on the heading error
     ``predictor``             preset near which the predictor's first starts begin
     ``search``                in place of that of all panels
-    ``predictor_generations`` the same, of the predictor's search
+    ``predictor_generations`` of its search, in place of that of all panels
     """
 
     name: Annotated[str, Field(min_length=1, max_length=40)]
@@ -75,10 +75,7 @@ class PanelTable(Settings):
         """Return the vehicle at this speed, between the lowest and the highest."""
         if self.speed_m_s is None:
             return vehicle
-        of_box = vehicle.uncertainty.model_copy(update={"speed_m_s": self.speed_m_s})
-        middle = {"speed_m_s": 0.5 * sum(self.speed_m_s)}
-        nominal = vehicle.vehicle.model_copy(update=middle)
-        return vehicle.model_copy(update={"vehicle": nominal, "uncertainty": of_box})
+        return vehicle.at_speeds(0.5 * sum(self.speed_m_s), self.speed_m_s)
 
     @model_validator(mode="after")
     def _refuse_delays_out_of_order(self) -> Self:

@@ -1,4 +1,4 @@
-"""Finds the parameters of a law: an evolution, judged coarsely, then finely.
+"""Search for the parameters of a law: an evolution, judged coarsely, then finely.
 
 While a demand is not met, the cost is how far it is from being met, so that the search first finds
 what meets all demands. A demand that is nearly met raises the objective instead: enough for the
@@ -38,7 +38,7 @@ class Confirmation(NamedTuple):
 
     ``decay_1_s``         of the slowest mode over all corners and delays of the range [1/s]
     ``stable_up_to_ns``   the largest of 0, step, 2 step, ... up to which every corner is stable
-    ``with_lag_up_to_ns``  the same behind the lag of the steering; None where none is specified
+    ``with_lag_up_to_ns``  with the lag of the steering too; None where none is specified
     """
 
     decay_1_s: float
@@ -51,17 +51,17 @@ def confirm(study: Study, law: str, values: Values) -> Confirmation:
     spec = study.spec
     design = design_law(controller_settings(spec, study.vehicle, law, values))
     step_ns = round(spec.delay.step_ms * NS_PER_MS)
-    loops = [SampledLoop(design, model, spec.period_ns) for model in study.vehicle.models]
-    decays = [loop.decay_1_s(delay_ns) for loop in loops for delay_ns in spec.delays_ns]
-    with_lag_ns = None
-    if spec.actuator is not None:
-        lagged = [
-            SampledLoop(design, behind_lag(model, spec.actuator.lag_s), spec.period_ns)
-            for model in study.vehicle.models
-        ]
-        with_lag_ns = least_margin_ns(lagged, DELAY_NS_MAX) // step_ns * step_ns
-    stable_up_to_ns = least_margin_ns(loops, DELAY_NS_MAX) // step_ns * step_ns
-    return Confirmation(min(decays), stable_up_to_ns, with_lag_ns)
+
+    def loops(lag_s: float) -> list[SampledLoop]:
+        models = [behind_lag(model, lag_s) for model in study.vehicle.models]
+        return [SampledLoop(design, model, spec.period_ns) for model in models]
+
+    def stable_up_to_ns(lag_s: float) -> int:
+        return least_margin_ns(loops(lag_s), DELAY_NS_MAX) // step_ns * step_ns
+
+    decays_1_s = [loop.decay_1_s(delay_ns) for loop in loops(0.0) for delay_ns in spec.delays_ns]
+    with_lag_ns = None if spec.actuator is None else stable_up_to_ns(spec.actuator.lag_s)
+    return Confirmation(min(decays_1_s), stable_up_to_ns(0.0), with_lag_ns)
 
 
 class Found(NamedTuple):
