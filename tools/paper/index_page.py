@@ -48,9 +48,7 @@ def index_page(written: Sequence[Reproduction], read_png: Callable[[str], bytes]
 
 
 def heading(item: Reproduction) -> str:
-    """Return "Figure 8: title" from the key, unless the title contains it itself."""
-    if item.title.startswith(("Figure", "Table")):
-        return item.title
+    """Return "Figure 8: title"."""
     kind, own_number, *_ = item.key.split("_")
     return f"{kind.capitalize()} {int(own_number)}: {item.title}"
 

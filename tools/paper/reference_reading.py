@@ -72,7 +72,7 @@ def follow(controller: ControllerSettings, delay_s: float) -> History:
 READING = "path as the reference"
 FILTERS_RAD_S = (15.0, 30.0)
 CAPTION = (
-    f"Beside it, the path read as the reference of (18): a sine of {AMPLITUDE_M:g} m over"
+    f"Second, the path read as the reference of (18): a sine of {AMPLITUDE_M:g} m over"
     f" {WAVELENGTH_M:g} m at 5 km/h, {DURATION_S:g} s, no curvature as a disturbance, (19) itself"
     " as the vehicle, 80 ms; the error is r - y."
 )

@@ -50,11 +50,8 @@ class Comparison(NamedTuple):
     reading: str = ""
 
 
-def verdict_of(comparisons: Sequence[Comparison], *, is_corrected: bool) -> Verdict:
-    """Return the verdict that follows from the comparisons that decide.
-
-    ``is_corrected``  whether something printed was corrected, or something missing supplied
-    """
+def verdict_of(comparisons: Sequence[Comparison]) -> Verdict:
+    """Return the verdict that follows from the comparisons that decide; all need a correction."""
     claims = [one for one in comparisons if one.decides == CLAIM]
     readings = {one.reading for one in claims}
     holding = [
@@ -68,7 +65,7 @@ def verdict_of(comparisons: Sequence[Comparison], *, is_corrected: bool) -> Verd
         return Verdict.ONE_READING
     if not all(one.agrees for one in comparisons if one.decides == NUMBER):
         return Verdict.CLAIM_ONLY
-    return Verdict.WITH_CORRECTION if is_corrected else Verdict.REPRODUCED
+    return Verdict.WITH_CORRECTION
 
 
 class Reproduction(NamedTuple):

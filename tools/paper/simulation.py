@@ -1,4 +1,4 @@
-"""Simulates runs for the figures of the paper, from presets.
+"""Simulation of runs for the figures of the paper, from presets.
 
 Both nodes run in virtual time on a wire that takes no time (compiled: the same bits), so the
 simulation is of what runs on a bus. The paper's laws are continuous; 1 kHz comes closest. The plant

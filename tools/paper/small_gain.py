@@ -1,6 +1,6 @@
 """Robust stability by the small gain theorem: SAE 2018-01-1086 (6) and (23) to (27).
 
-    DOB     |Q(jω) Δ_m(jω)| < 1 for all ω,   Δ_m = (G e^(-sT) - G_n)/G_n               (23)
+    DOB     |Q(jω) Δ_m(jω)| < 1 for all ω,   Δ_m = (G - G_n)/G_n                       (23)
 
     CDOB    |L_n/(1 + L_n) Δ_m| < 1 for all ω,   Δ_m = e^(-jωT) - 1              (25), (27)
             L_n = C (1 - Q) G_n/(1 + C G_n Q),   so  L_n/(1 + L_n) = (1 - Q) C G_n/(1 + C G_n)
@@ -61,21 +61,18 @@ def on_axis(omega_rad_s: FloatArray) -> ComplexArray:
 
 
 def multiplicative_uncertainty(
-    plant: TransferFunction, model: TransferFunction, omega_rad_s: FloatArray, delay_s: float = 0.0
+    plant: TransferFunction, model: TransferFunction, omega_rad_s: FloatArray
 ) -> ComplexArray:
-    """Return Δ_m of (6) at each ω above 0, for the plant behind a delay."""
-    s = on_axis(omega_rad_s)
-    ratio = plant.times(model.inverse()).response(s) * np.exp(-s * delay_s)
+    """Return Δ_m of (6) at each ω above 0."""
+    ratio = plant.times(model.inverse()).response(on_axis(omega_rad_s))
     return np.asarray(ratio - 1.0, np.complex128)
 
 
-def condition_23(
-    q: TransferFunction, plant: TransferFunction, model: TransferFunction, delay_s: float = 0.0
-) -> Peak:
+def condition_23(q: TransferFunction, plant: TransferFunction, model: TransferFunction) -> Peak:
     """Return the largest |Q Δ_m|: the condition is met where it is below 1."""
 
     def size(omega_rad_s: FloatArray) -> FloatArray:
-        uncertainty = multiplicative_uncertainty(plant, model, omega_rad_s, delay_s)
+        uncertainty = multiplicative_uncertainty(plant, model, omega_rad_s)
         return np.abs(q.response(on_axis(omega_rad_s)) * uncertainty)
 
     return Peak(*peak_of(size, OMEGA_RAD_S))

@@ -90,7 +90,7 @@ def table_2() -> Reproduction:
         "7 km/h 1600 kg, 7 km/h 5000 kg.",
         (Picture("table_2", _draw(pd, dob)),),
         comparisons,
-        verdict_of(comparisons, is_corrected=True),
+        verdict_of(comparisons),
         _WHY,
     )
 

@@ -16,7 +16,6 @@ from steer_by_wire.tools.paper.figures.frequency_figures import (
 )
 from steer_by_wire.tools.paper.figures.parameter_space_figures import figure_7, figure_8
 from steer_by_wire.tools.paper.figures.small_gain_figures import (
-    DELAY_S,
     figure_9,
     figure_12,
     first_intersection_rad_s,
@@ -96,16 +95,16 @@ def test_the_closed_loop_is_1_where_the_frequency_is_small(key: str) -> None:
 
 def test_the_curves_of_figure_12_first_meet_beyond_100_rad_s() -> None:
     ideal = published_law("pd_cdob")
-    assert 105.0 < first_intersection_rad_s(ideal, DELAY_S) < 106.0
+    assert 105.0 < first_intersection_rad_s(ideal) < 106.0
     filtered = published_law("pd_cdob", "pd.derivative_filter_rad_s=20")
-    assert math.isinf(first_intersection_rad_s(filtered, DELAY_S))
+    assert math.isinf(first_intersection_rad_s(filtered))
 
 
 def test_condition_and_roots_at_80_ms_are_these() -> None:
-    ideal = network_verdict(published_law("pd_cdob"), DELAY_S)
+    ideal = network_verdict(published_law("pd_cdob"))
     assert 1.32 < ideal.ratio < 1.33
     assert 195.0 < ideal.omega_rad_s < 197.0
     assert (ideal.outside, ideal.at_one) == (6, 2)
-    filtered = network_verdict(published_law("pd_cdob", "pd.derivative_filter_rad_s=20"), DELAY_S)
+    filtered = network_verdict(published_law("pd_cdob", "pd.derivative_filter_rad_s=20"))
     assert 0.59 < filtered.ratio < 0.60
     assert (filtered.outside, filtered.at_one) == (0, 2)

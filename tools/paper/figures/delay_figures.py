@@ -82,7 +82,7 @@ def _figure(
         comparisons += judge_reading(statement, quantity, laws)
         pictures.append(picture(f"{key}_reference", quantity, laws))
         caption += f" {CAPTION}"
-    verdict = verdict_of(comparisons, is_corrected=True)
+    verdict = verdict_of(comparisons)
     caption = f"{SETTINGS_CAPTION} {caption}"
     return Reproduction(key, title, caption, tuple(pictures), tuple(comparisons), verdict, why)
 

@@ -42,7 +42,7 @@ def figure_20() -> Reproduction:
         _CAPTION.format(vehicle="nominal vehicle, 5 km/h and 2000 kg"),
         (_picture("figure_20", runs),),
         (Comparison("disturbance", published.FIGURE_20, "the same", None), falls),
-        verdict_of([falls], is_corrected=True),
+        verdict_of([falls]),
         "What the text says of it holds. The "
         "disturbance is read as the path's curvature acting on the nominal vehicle, and the path "
         "is the one inferred for Table II. No value of the curves is printed.",
@@ -64,7 +64,7 @@ def _corner_figure(number: int) -> Reproduction:
         _CAPTION.format(vehicle=f"{column.speed_km_h:g} km/h and {column.virtual_mass_kg:g} kg"),
         (_picture(f"figure_{number}", runs),),
         comparisons,
-        verdict_of(comparisons, is_corrected=True),
+        verdict_of(comparisons),
         "That the DOB reduces the error holds. The numbers are unknown: "
         "of the curves nothing is printed but the RMS in Table II. That of the curve without DOB "
         "comes out within 0.0002 m with C_r = 500,000 N/rad and the path inferred from it, "

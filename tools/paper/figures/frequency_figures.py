@@ -45,7 +45,7 @@ def figure_10() -> Reproduction:
     responses = corner_responses("pd")
     return Reproduction(
         key="figure_10",
-        title="Figure 10: |y/r| at the four vertices, without DOB",
+        title="|y/r| at the four vertices, without DOB",
         caption="PD with K_p = 1.0596, K_d = 0.939 and ideal derivative; (4) with C_r = 500,000"
         " N/rad and l_s = 2 m. Below: the vehicle itself, |y/u|.",
         pictures=(_response_picture("figure_10", responses, "y/u"),),
@@ -67,7 +67,7 @@ def figure_11() -> Reproduction:
     )
     return Reproduction(
         key="figure_11",
-        title="Figure 11: |y/r| at the four vertices, with DOB",
+        title="|y/r| at the four vertices, with DOB",
         caption="As Figure 10, with the DOB of (11): G_n of (19), Q of (20), ω_c = 5 rad/s. Below:"
         " the regulated vehicle, |y/u_new| of (12).",
         pictures=(_response_picture("figure_11", both[1], "y/u_new"),),

@@ -54,7 +54,7 @@ def figure_9() -> Reproduction:
     )
     return Reproduction(
         key="figure_09",
-        title="Figure 9: |Q| against 1/|Δ_m|",
+        title="|Q| against 1/|Δ_m|",
         caption="Q of (20) with ω_c = 5 rad/s; Δ_m = (G - G_n)/G_n at the four vertices of Figure"
         " 2, C_r = 500,000 N/rad and l_s = 2 m; G_n of (19).",
         pictures=(_uncertainty_picture(),),
@@ -90,7 +90,7 @@ def _uncertainty_picture() -> Picture:
 
 
 class NetworkVerdict(NamedTuple):
-    """What is known of a CDOB loop at one delay.
+    """What is known of a CDOB loop at the delay of section IV.
 
     ``ratio``        largest |L_n/(1 + L_n) Δ_m|; below 1 proves stability
     ``omega_rad_s``  where it is
@@ -111,7 +111,7 @@ def figure_12() -> Reproduction:
     filtered = published_law("pd_cdob", derivative)
     return Reproduction(
         key="figure_12",
-        title="Figure 12: |L_n/(1 + L_n)| against 1/|Δ_m|",
+        title="|L_n/(1 + L_n)| against 1/|Δ_m|",
         caption="PD with K_p = 1.0596, K_d = 0.939; G = G_n of (19); Q of (20), ω_c = 200 rad/s;"
         " T = 80 ms; (26) without its second e^(-Ts).",
         pictures=(
@@ -125,7 +125,7 @@ def figure_12() -> Reproduction:
             Comparison(
                 "lowest ω where the curves meet, ideal derivative",
                 "no intersection",
-                f"{first_intersection_rad_s(ideal, DELAY_S):.1f} rad/s",
+                f"{first_intersection_rad_s(ideal):.1f} rad/s",
                 False,
             ),
             *_network_comparisons(filtered, f"N = {FILTER_RAD_S:g} rad/s"),
@@ -139,20 +139,20 @@ def figure_12() -> Reproduction:
     )
 
 
-def network_verdict(settings: ControllerSettings, delay_s: float) -> NetworkVerdict:
+def network_verdict(settings: ControllerSettings) -> NetworkVerdict:
     """Return the results of condition and roots for a CDOB around its own nominal model."""
     parts = cdob_parts(settings)
-    ratio, omega_rad_s = cdob_small_gain(parts, delay_s)
+    ratio, omega_rad_s = cdob_small_gain(parts, DELAY_S)
     loop = SampledLoop(design_law(settings), parts.model, settings.period_ns)
-    poles = loop.closed_loop_poles(round(delay_s * NS_PER_S))
+    poles = loop.closed_loop_poles(round(DELAY_S * NS_PER_S))
     is_at_one = np.abs(poles - 1.0) < _AT_ONE
     outside = (np.abs(poles) > 1.0) & ~is_at_one
     return NetworkVerdict(ratio, omega_rad_s, int(outside.sum()), int(is_at_one.sum()))
 
 
-def first_intersection_rad_s(settings: ControllerSettings, delay_s: float) -> float:
+def first_intersection_rad_s(settings: ControllerSettings) -> float:
     """Return the lowest ω at which (25) fails [rad/s]; inf where it is met."""
-    ratio = _closed_nominal(settings) * np.abs(delay_uncertainty(_OMEGA_RAD_S, delay_s))
+    ratio = _closed_nominal(settings) * np.abs(delay_uncertainty(_OMEGA_RAD_S, DELAY_S))
     return float(min(_OMEGA_RAD_S[ratio >= 1.0], default=np.inf))
 
 
@@ -163,7 +163,7 @@ def _closed_nominal(settings: ControllerSettings) -> FloatArray:
 
 def _network_comparisons(settings: ControllerSettings, name: str) -> tuple[Comparison, ...]:
     """Return condition and exact result at 80 ms."""
-    verdict = network_verdict(settings, DELAY_S)
+    verdict = network_verdict(settings)
     at_delay = f"T = {1e3 * DELAY_S:.0f} ms, {name}"
     return (
         Comparison(
@@ -196,7 +196,7 @@ def _network_picture(name: str, settings: ControllerSettings, subtitle: str) -> 
     axes.set(xlabel="ω [rad/s]", ylabel="size [dB]", xlim=(0.1, None), ylim=(-60.0, 40.0))
     axes.set_title(f"Small gain condition of the CDOB, {subtitle}")
     axes.legend(loc="center left")
-    outside = network_verdict(settings, DELAY_S).outside
+    outside = network_verdict(settings).outside
     condition = "not met (shaded)" if np.any(above) else "met"
     exact = f"{outside} unstable roots" if outside else "y/r is stable"
     axes.text(
