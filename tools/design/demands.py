@@ -1,6 +1,6 @@
 """Judgement of a law by all demands of a specification, over all corners and delays.
 
-The plants and the frames of the runs do not depend on the law, and are made once. A study is
+The plants and the frames of the runs do not depend on the law, and are made once. A bench is
 coarse, for the search, or fine, for the result. They differ in the number of delays and of points
 on the frequency axis. The runs are compiled, which gives the numbers of both nodes in virtual time.
 Neither node limits the commands in them: how much steer a law takes is demanded of it.
@@ -99,8 +99,8 @@ class DecayDemand(NamedTuple):
     decay_1_s: float
 
 
-class Study(NamedTuple):
-    """A specification and a vehicle, and what of the computation no law changes."""
+class Bench(NamedTuple):
+    """What a law is judged on, and what of the computation no law changes."""
 
     spec: Specification
     vehicle: VehicleFile
@@ -111,7 +111,7 @@ class Study(NamedTuple):
     takes_map: bool  # whether the steer for the map's curvature is added to the law's
 
 
-def make_study(
+def make_bench(
     spec: Specification,
     vehicle: VehicleFile,
     *,
@@ -119,21 +119,18 @@ def make_study(
     without: frozenset[str] = frozenset(),
     takes_map: bool = False,
     coarse_delays: int = _COARSE_DELAYS,
-) -> Study:
-    """Return a study.
-
-    ``without``    names of demands to leave out
-    ``takes_map``  whether the steer for the map's curvature is added to the law's
-    ``coarse_delays``  at which a coarse study has runs
-    """
-    models, settling_1_s = vehicle.models, spec.d_stability.settling_1_s
+) -> Bench:
+    """Return a bench; a coarse one has runs at so many delays."""
+    models, settling_1_s, delay = vehicle.models, spec.d_stability.settling_1_s, spec.delay
+    beyond_ns = delay.up_to_ns(delay.ms_max + delay.margin_ms)
     stability = {
         "settling": DecayDemand(models, spec.delays_ns, settling_1_s),
-        "delay margin": DecayDemand(models, spec.margin_delays_ns, _MARGIN_DECAY_1_S),
+        "delay margin": DecayDemand(models, beyond_ns, _MARGIN_DECAY_1_S),
     }
     if spec.actuator is not None:
         lagged = [behind_lag(model, spec.actuator.lag_s) for model in models]
-        stability["actuator lag"] = DecayDemand(lagged, spec.lag_delays_ns, _MARGIN_DECAY_1_S)
+        lag_delays_ns = delay.up_to_ns(spec.actuator.delay_ms_max)
+        stability["actuator lag"] = DecayDemand(lagged, lag_delays_ns, _MARGIN_DECAY_1_S)
     delays_ns = spec.delays_ns
     if not fine:
         delays_ns = _thinned(delays_ns, coarse_delays)
@@ -141,7 +138,7 @@ def make_study(
             name: demand._replace(delays_ns=_thinned(demand.delays_ns, coarse_delays))
             for name, demand in stability.items()
         }
-    return Study(
+    return Bench(
         spec,
         vehicle,
         runs_at(spec, vehicle, delays_ns),
@@ -163,17 +160,17 @@ def runs_at(spec: Specification, vehicle: VehicleFile, delays_ns: Iterable[int])
     return {each: (schedule_run(asked[0], any_law), asked) for each, asked in at_delay.items()}
 
 
-def judge_law(study: Study, law: str, values: Values) -> Judgement:
+def judge_law(bench: Bench, law: str, values: Values) -> Judgement:
     """Judge a law with these parameters, the cheap demands first.
 
     What means nothing for an unstable loop is left out then, and the runs where the other demands
     are far from met.
     """
-    spec = study.spec
-    settings = controller_settings(spec, study.vehicle, law, values)
+    spec = bench.spec
+    settings = controller_settings(spec, bench.vehicle, law, values)
     design = design_law(settings)
     demands, lacking = [], list[float]()
-    for name, demanded in study.stability.items():
+    for name, demanded in bench.stability.items():
         loops = [SampledLoop(design, model, spec.period_ns) for model in demanded.models]
         decays_1_s = [loop.decay_1_s(each) for loop in loops for each in demanded.delays_ns]
         missing_1_s = [max(0.0, demanded.decay_1_s - decay_1_s) for decay_1_s in decays_1_s]
@@ -183,33 +180,33 @@ def judge_law(study: Study, law: str, values: Values) -> Judgement:
         share = np.count_nonzero(lacking) / len(lacking)
         slowness = sum(lacking) / len(lacking) / spec.d_stability.settling_1_s
         return Judgement(np.inf, _UNSTABLE + share + slowness, tuple(demands))
-    if not study.without.issuperset(_OF_THE_PD):
-        demands += _region(study, settings)
-    figures = loop_figures(study.frequency, design)
+    if not bench.without.issuperset(_OF_THE_PD):
+        demands += _region(bench, settings)
+    figures = loop_figures(bench.frequency, design)
     demands += [
         Demand("peak sensitivity", figures.peak_sensitivity, spec.peak_sensitivity_max),
         Demand("noise gain", figures.noise_gain_rad_m, spec.noise_gain_rad_m_max),
     ]
-    rough = _judged(study, np.inf, demands)
+    rough = _judged(bench, np.inf, demands)
     if rough.violation > _NEARLY_MET:
         return rough
-    demands += _runs(study, settings, law)
+    demands += _runs(bench, settings, law)
     (objective,) = (demand.value for demand in demands if demand.name == "RMS error")
-    return _judged(study, objective, demands)
+    return _judged(bench, objective, demands)
 
 
-def _judged(study: Study, objective: float, demands: list[Demand]) -> Judgement:
-    made = tuple(demand for demand in demands if demand.name not in study.without)
+def _judged(bench: Bench, objective: float, demands: list[Demand]) -> Judgement:
+    made = tuple(demand for demand in demands if demand.name not in bench.without)
     return Judgement(objective, sum(demand.excess for demand in made), made)
 
 
-def _region(study: Study, settings: ControllerSettings) -> list[Demand]:
+def _region(bench: Bench, settings: ControllerSettings) -> list[Demand]:
     """Return how many loops of the PD alone fail each part of the D-stability."""
     alone = settings.model_copy(update={"law": "pd", "pid": None, "dob": None, "cdob": None})
     pd_design = design_law(alone)
-    table, period_ns = study.spec.d_stability, study.spec.period_ns
+    table, period_ns = bench.spec.d_stability, bench.spec.period_ns
     parts = []
-    for model in study.vehicle.models:
+    for model in bench.vehicle.models:
         loop = SampledLoop(pd_design, model, period_ns)
         for delay_ns in table.delays_ns:
             roots = in_s_plane(loop.closed_loop_poles(delay_ns), period_ns)
@@ -222,9 +219,9 @@ def _region(study: Study, settings: ControllerSettings) -> list[Demand]:
     return [Demand(name, count / len(parts), 0.0) for name, count in failing.items()]
 
 
-def _runs(study: Study, settings: ControllerSettings, law: str) -> list[Demand]:
-    limits, largest_m = study.spec.limits, study.spec.rms_m_max_of(law)
-    runs = [run for of_delay in driven(study, settings).values() for run in of_delay]
+def _runs(bench: Bench, settings: ControllerSettings, law: str) -> list[Demand]:
+    limits, largest_m = bench.spec.limits, bench.spec.rms_m_max_of(law)
+    runs = [run for of_delay in driven(bench, settings).values() for run in of_delay]
     worst = Driven(*np.max(runs, axis=0).tolist())
     return [
         Demand("RMS error", worst.rms_m, largest_m or np.inf),
@@ -233,19 +230,19 @@ def _runs(study: Study, settings: ControllerSettings, law: str) -> list[Demand]:
     ]
 
 
-def preset_of(study: Study, settings: ControllerSettings) -> ControllerSettings:
+def preset_of(bench: Bench, settings: ControllerSettings) -> ControllerSettings:
     """Return a law with its set point, and with the steer for the map's curvature."""
-    feed_forward = FeedForwardSettings() if study.takes_map else None
-    preset = with_set_point(study.spec, settings)
+    feed_forward = FeedForwardSettings() if bench.takes_map else None
+    preset = with_set_point(bench.spec, settings)
     return preset.model_copy(update={"feed_forward": feed_forward})
 
 
-def driven(study: Study, settings: ControllerSettings) -> dict[int, list[Driven]]:
+def driven(bench: Bench, settings: ControllerSettings) -> dict[int, list[Driven]]:
     """Return the runs of a law on every path and corner, by the delay."""
-    preset = preset_of(study, settings).model_copy(update={"limits": _LIMITLESS})
+    preset = preset_of(bench, settings).model_copy(update={"limits": _LIMITLESS})
     return {
-        delay_ns: [drive(study.spec, plant, preset, plan) for plant in asked]
-        for delay_ns, (plan, asked) in study.runs.items()
+        delay_ns: [drive(bench.spec, plant, preset, plan) for plant in asked]
+        for delay_ns, (plan, asked) in bench.runs.items()
     }
 
 

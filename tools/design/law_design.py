@@ -8,7 +8,7 @@ from ...controller.laws.law_from_settings import required
 from ...controller.settings import ControllerSettings
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
-from .demands import Demand, Judgement, Study, driven, make_study, runs_at
+from .demands import Bench, Demand, Judgement, driven, make_bench, runs_at
 from .search.law_parameters import SETTINGS_KEYS, controller_settings, with_set_point
 from .search.parameter_search import Found, find
 from .specification import Specification
@@ -55,18 +55,18 @@ def design(spec: Specification, vehicle: VehicleFile, law: str, until_s: float) 
 
     ``until_s``  of the monotonic clock: then the best so far is taken
     """
-    fine = make_study(spec, vehicle, fine=True)
-    found = find(make_study(spec, vehicle, fine=False), fine, law, until_s)
+    fine = make_bench(spec, vehicle, fine=True)
+    found = find(make_bench(spec, vehicle, fine=False), fine, law, until_s)
     return describe(fine, found) if found.feasible else found
 
 
-def describe(study: Study, found: Found) -> Design:
+def describe(bench: Bench, found: Found) -> Design:
     """Return everything about a law that has been found."""
-    spec, vehicle, law = study.spec, study.vehicle, found.law
+    spec, vehicle, law = bench.spec, bench.vehicle, found.law
     settings = controller_settings(spec, vehicle, law, found.values)
     last_ns = max(spec.delays_ns[-1], required(found.confirmation).stable_up_to_ns)
     delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
-    all_runs = study._replace(runs=runs_at(spec, vehicle, delays_ns))
+    all_runs = bench._replace(runs=runs_at(spec, vehicle, delays_ns))
     of_delays = driven(all_runs, settings).values()
     shape = len(delays_ns), len(spec.course.paths), -1
     rms_m = np.array([[run.rms_m for run in of_delay] for of_delay in of_delays]).reshape(shape)

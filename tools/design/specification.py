@@ -266,16 +266,6 @@ class Specification(Settings):
         return self.delay.up_to_ns(self.delay.ms_max)
 
     @property
-    def margin_delays_ns(self) -> tuple[int, ...]:
-        """The range and the margin beyond it [ns]."""
-        return self.delay.up_to_ns(self.delay.ms_max + self.delay.margin_ms)
-
-    @property
-    def lag_delays_ns(self) -> tuple[int, ...]:
-        """The delays to be survived behind the lag of the steering [ns]."""
-        return () if self.actuator is None else self.delay.up_to_ns(self.actuator.delay_ms_max)
-
-    @property
     def road(self) -> RoadTable | None:
         """What stands in for the course."""
         return None if self.predictor is None else self.predictor.road

@@ -19,7 +19,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.vehicle.settings import VehicleSettings
 from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design import __main__ as design_gains
-from steer_by_wire.tools.design.demands import Demand, Judgement, judge_law, make_study
+from steer_by_wire.tools.design.demands import Demand, Judgement, judge_law, make_bench
 from steer_by_wire.tools.design.law_design import Design, design, failed
 from steer_by_wire.tools.design.program import linear_laws
 from steer_by_wire.tools.design.report import preset_text
@@ -84,8 +84,8 @@ def test_a_search_meets_all_demands(designed: Design) -> None:
 
 
 def test_an_unstable_law_is_judged_by_how_many_of_its_loops_are() -> None:
-    study = make_study(shipped_spec(), shipped_vehicle(), fine=False)
-    wild = judge_law(study, "pd", {"k_p": 10.0, "k_d": 1.0, "derivative_filter": 100.0})
+    bench = make_bench(shipped_spec(), shipped_vehicle(), fine=False)
+    wild = judge_law(bench, "pd", {"k_p": 10.0, "k_d": 1.0, "derivative_filter": 100.0})
     assert math.isinf(wild.objective)
     assert wild.violation > 100.0
 
@@ -100,8 +100,8 @@ def test_a_demand_left_out_keeps_no_law_from_its_runs(tmp_path: Path) -> None:
     spec, values = small_spec(tmp_path), {"k_p": 0.2, "k_d": 0.01, "derivative_filter": 1.0}
 
     def judged(*left_out: str) -> Judgement:
-        study = make_study(spec, shipped_vehicle(), fine=False, without=frozenset(left_out))
-        return judge_law(study, "pd", values)
+        bench = make_bench(spec, shipped_vehicle(), fine=False, without=frozenset(left_out))
+        return judge_law(bench, "pd", values)
 
     missed = [each.name for each in judged("settling").demands if each.excess]
     assert 0 < len(missed) < 4
@@ -119,11 +119,11 @@ def test_a_known_design_takes_the_place_of_the_first_start(
     ) -> None:
         begun.append((near, spread))
 
-    study = make_study(small_spec(tmp_path, "search.starts=2"), shipped_vehicle(), fine=False)
+    bench = make_bench(small_spec(tmp_path, "search.starts=2"), shipped_vehicle(), fine=False)
     known = {"k_p": 1.48, "k_d": 0.061, "derivative_filter": 27.0}
     monkeypatch.setattr(Search, "evolve", evolve)
     monkeypatch.setattr(Search, "best", lambda *_: [known])
-    find(study, study, "pd", math.inf, known)
+    find(bench, bench, "pd", math.inf, known)
     assert begun == [(known, 0.05), (None, 0.25)]
 
 
@@ -268,8 +268,8 @@ def test_a_specification_asks_for_the_heading_gain_of_a_pid(tmp_path: Path) -> N
     )
     assert linear_laws(spec) == ["pd", "pid_heading"]
     values = {"k_p": 0.2, "k_d": 1.32, "derivative_filter": 1.84, "k_i": 7.2, "k_heading": 0.8}
-    study = make_study(spec, shipped_vehicle(), fine=False)
-    judged = judge_law(study, "pid_heading", values)
+    bench = make_bench(spec, shipped_vehicle(), fine=False)
+    judged = judge_law(bench, "pid_heading", values)
     assert judged.violation == 0.0
     settings = controller_settings(spec, shipped_vehicle(), "pid_heading", values)
     assert settings.law == "pid"

@@ -9,7 +9,7 @@ import pytest
 
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.tools.design.demands import Study, judge_law, make_study
+from steer_by_wire.tools.design.demands import Bench, judge_law, make_bench
 from steer_by_wire.tools.design.law_design import describe
 from steer_by_wire.tools.design.predictor_design import Task, describe_predictor, predictor_demands
 from steer_by_wire.tools.design.report import predictor_figures, preset_text
@@ -42,10 +42,10 @@ def vehicle_of(family: str) -> Path:
 
 
 @cache
-def fine_study(family: str) -> Study:
+def fine_bench(family: str) -> Bench:
     """All of the file but the jitter, which takes long in virtual time."""
     spec = load_settings(Specification, None, SHIPPED / f"{family}.toml", ["jitter=[]"])
-    return make_study(spec, load_settings(VehicleFile, None, vehicle_of(family)), fine=True)
+    return make_bench(spec, load_settings(VehicleFile, None, vehicle_of(family)), fine=True)
 
 
 SAMPLE = (("practical", "pd_ddob"), ("highway", "pd"))
@@ -66,13 +66,13 @@ PREDICTORS = (
 
 @pytest.mark.parametrize(("family", "law"), sampled(SAMPLE, WHOLE))
 def test_a_designed_preset_says_what_is_measured_anew(family: str, law: str) -> None:
-    name, study = f"{family}_{law}", fine_study(family)
+    name, bench = f"{family}_{law}", fine_bench(family)
     values = shipped_values(name, law)
-    judgement, confirmation = judge_law(study, law, values), confirm(study, law, values)
+    judgement, confirmation = judge_law(bench, law, values), confirm(bench, law, values)
     found = Found(law, values, judgement, confirmation, judged=0)
     assert judgement.violation == 0.0
     sources = (vehicle_of(family).name, f"{family}.toml")
-    text = preset_text(study.spec, study.vehicle, describe(study, found), sources)
+    text = preset_text(bench.spec, bench.vehicle, describe(bench, found), sources)
     lines = read_preset("steer_by_wire.controller.presets", name).text.splitlines(keepends=True)
     assert text == "".join(line for line in lines if not line.startswith("#   jitter"))
 

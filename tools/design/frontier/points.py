@@ -23,7 +23,7 @@ from ....plant_emulator.evaluation.run_verdict import Verdict
 from ....plant_emulator.network.settings import LatencySettings
 from ....plant_emulator.sensors.settings import SensorNoiseSettings
 from ....runtime.node import NS_PER_MS
-from ..demands import Study, judge_law, make_study, preset_of
+from ..demands import Bench, judge_law, make_bench, preset_of
 from ..loop_figures import behind_lag
 from ..predictor_design import design_predictor, design_values, predictor_demands
 from ..search.evolution import Values
@@ -56,7 +56,6 @@ SENSOR_NOISE_M = 0.02
 class Point(NamedTuple):
     """A structure at its best for a delay.
 
-    ``panel``        name of its panel
     ``delay_ms``     guaranteed: all demands hold for each constant delay up to it
     ``rms_m``        of the car, worst of corners and delays, without noise
     ``margin_ms``    delay at which the worst corner becomes unstable
@@ -88,7 +87,7 @@ def designed_points(panel: Panel, structure: str) -> Iterator[Point]:
         points = []
         for q_kind in q_kinds:
             coarse, fine = (
-                study(panel, structure, delay_ms, is_fine, q_kind) for is_fine in (False, True)
+                bench_for(panel, structure, delay_ms, is_fine, q_kind) for is_fine in (False, True)
             )
             found = find(coarse, fine, law, math.inf, known.get(q_kind))
             if found.feasible:
@@ -98,11 +97,11 @@ def designed_points(panel: Panel, structure: str) -> Iterator[Point]:
             yield min(points, key=lambda point: point.rms_m)
 
 
-def study(
+def bench_for(
     panel: Panel, structure: str, delay_ms: float, fine: bool, q_kind: QKind = "type_2"
-) -> Study:
+) -> Bench:
     """Return what a structure is judged by at a delay, coarse for the search or fine."""
-    return make_study(
+    return make_bench(
         specification_for(panel, structure, delay_ms, q_kind),
         panel.vehicle,
         fine=fine,
@@ -112,7 +111,7 @@ def study(
     )
 
 
-def point_of(panel: Panel, fine: Study, structure: str, values: Values, judged: int = 1) -> Point:
+def point_of(panel: Panel, fine: Bench, structure: str, values: Values, judged: int = 1) -> Point:
     """Return the figures of a structure with these parameters, whether it meets them or not."""
     law, spec, vehicle = STRUCTURES[structure].law, fine.spec, fine.vehicle
     settings = controller_settings(spec, vehicle, law, values)

@@ -33,7 +33,6 @@ class _TimeIsUpError(Exception):
 class Search:
     """All points that were judged, with their costs.
 
-    ``cost``     of the parameters
     ``ranges``   of each parameter, lowest and highest > 0
     ``until_s``  of the monotonic clock: after it only the first point is judged
     ``digits``   with which the parameters are judged

@@ -3,7 +3,7 @@
 While a demand is not met, the cost is how far it is from being met, so that the search first finds
 what meets all demands. A demand that is nearly met raises the objective instead: enough for the
 minimum to meet it, and without a step at its edge. The result is the best point that meets all
-demands of the fine study.
+demands of the fine bench.
 """
 
 import math
@@ -13,7 +13,7 @@ from ....controller.analysis.sampled_loop import SampledLoop
 from ....controller.analysis.stable_delays import least_margin_ns
 from ....controller.laws.law_from_settings import design_law
 from ....runtime.node import NS_PER_MS
-from ..demands import Judgement, Study, judge_law
+from ..demands import Bench, Judgement, judge_law
 from ..loop_figures import behind_lag
 from .evolution import SPREAD, Search, Values
 from .law_parameters import bounds, controller_settings
@@ -46,14 +46,14 @@ class Confirmation(NamedTuple):
     with_lag_up_to_ns: int | None
 
 
-def confirm(study: Study, law: str, values: Values) -> Confirmation:
+def confirm(bench: Bench, law: str, values: Values) -> Confirmation:
     """Return how far a law's stability reaches."""
-    spec = study.spec
-    design = design_law(controller_settings(spec, study.vehicle, law, values))
+    spec = bench.spec
+    design = design_law(controller_settings(spec, bench.vehicle, law, values))
     step_ns = round(spec.delay.step_ms * NS_PER_MS)
 
     def loops(lag_s: float) -> list[SampledLoop]:
-        models = [behind_lag(model, lag_s) for model in study.vehicle.models]
+        models = [behind_lag(model, lag_s) for model in bench.vehicle.models]
         return [SampledLoop(design, model, spec.period_ns) for model in models]
 
     def stable_up_to_ns(lag_s: float) -> int:
@@ -68,7 +68,7 @@ class Found(NamedTuple):
     """The outcome of a search.
 
     ``values``        the best parameters; the nearest to the demands where none meet them
-    ``judgement``     of the fine study
+    ``judgement``     of the fine bench
     ``confirmation``  None where not all demands are met
     ``judged``        how many sets of parameters were judged
     ``ended``         whether the search came to its end; otherwise this is its best so far
@@ -94,7 +94,7 @@ def cost(judgement: Judgement) -> float:
     return judgement.objective * (1.0 + _VIOLATION_WEIGHT * judgement.violation)
 
 
-def find(coarse: Study, fine: Study, law: str, until_s: float, near: Values | None = None) -> Found:
+def find(coarse: Bench, fine: Bench, law: str, until_s: float, near: Values | None = None) -> Found:
     """Search the parameters of a law; deterministic for the seed of the specification.
 
     ``until_s``  of the monotonic clock: then the best so far is taken
@@ -116,8 +116,8 @@ def find(coarse: Study, fine: Study, law: str, until_s: float, near: Values | No
     return found
 
 
-def _first_confirmed(fine: Study, law: str, search: Search) -> Found:
-    """Return the best point that meets all demands; the best of the coarse study if none does."""
+def _first_confirmed(fine: Bench, law: str, search: Search) -> Found:
+    """Return the best point that meets all demands; the best of the coarse bench if none does."""
     for values in search.best(_CONFIRMED_MAX):
         judgement = judge_law(fine, law, values)
         if not judgement.violation:

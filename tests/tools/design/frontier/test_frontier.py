@@ -18,11 +18,11 @@ from steer_by_wire.tools.design.frontier import points
 from steer_by_wire.tools.design.frontier.frontier import draw_frontier, write_csv
 from steer_by_wire.tools.design.frontier.points import (
     Point,
+    bench_for,
     designed_points,
     point_of,
     predictor_points,
     specification_for,
-    study,
 )
 from steer_by_wire.tools.design.frontier.settings import (
     STRUCTURES,
@@ -105,7 +105,7 @@ def quick(delays_ms: Sequence[float], duration_s: float, *overrides: str) -> Pan
 @cache
 def point(structure: str) -> Point:
     """Of the page."""
-    fine = study(whole(), structure, 250.0, True, Q_KIND)
+    fine = bench_for(whole(), structure, 250.0, True, Q_KIND)
     return point_of(whole(), fine, structure, FOUND[structure])
 
 
@@ -139,7 +139,7 @@ def test_the_page_states_the_errors_at_60_km_h() -> None:
     page = (ROOT / "docs/frontier.md").read_text(encoding="utf-8")
     *_, row = [line.split("|") for line in page.splitlines() if "| PID + heading |" in line]
     panel = panels_of(asked(), vehicle())[1]
-    fine = study(panel, "PID + heading", 200.0, True)
+    fine = bench_for(panel, "PID + heading", 200.0, True)
     found = point_of(panel, fine, "PID + heading", AT_60_KM_H)
     assert stated_mm(row[3]) == pytest.approx(figures_mm(found), rel=0.01)
     assert found.noise_gain_rad_m <= 0.28
@@ -157,7 +157,7 @@ def figures_mm(found: Point) -> list[float]:
 def test_a_short_search_for_one_vehicle_finds_less_error_than_the_design_for_its_box() -> None:
     panel = quick([250.0], 6.0, "search.generations=25", "search.starts=1")
     (found,) = designed_points(panel, "PD")
-    fine = study(panel, "PD", 250.0, True)
+    fine = bench_for(panel, "PD", 250.0, True)
     assert found.rms_m <= 0.8 * point_of(panel, fine, "PD", FOUND["PD"]).rms_m
 
 
@@ -165,7 +165,7 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
     """And each search goes on from the design of its own filter for the longer delay."""
     begun: list[tuple[QKind, Values | None]] = []
 
-    def study_of(_panel: object, _structure: str, *where: object) -> object:
+    def bench_of(_panel: object, _structure: str, *where: object) -> object:
         delay_ms, _, q_kind = where
         return SimpleNamespace(delay_ms=delay_ms, q_kind=q_kind)
 
@@ -181,7 +181,7 @@ def test_of_the_filters_of_a_dob_the_better_is_taken(monkeypatch: pytest.MonkeyP
             "", structure, fine.delay_ms, rms_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1, {}, fine.q_kind
         )
 
-    for name, function in {"study": study_of, "find": find, "point_of": point_of}.items():
+    for name, function in {"bench_for": bench_of, "find": find, "point_of": point_of}.items():
         monkeypatch.setattr(points, name, function)
     found = designed_points(quick([160.0, 250.0], 30.0), "PD + DOB")
     assert [(each.delay_ms, each.q_kind) for each in found] == [
