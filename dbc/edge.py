@@ -16,7 +16,7 @@ from ..runtime.node.end import End
 from ..runtime.program.report import causes_line
 from ..runtime.program.run_node import Edge
 from ..runtime.settings import SettingsError
-from .bus_language import BusLanguage, read_language
+from .bus_language import BusLanguage, add_dialect_argument, read_language
 from .messages import CAN_IDS, Message, sent_by
 from .secoc.authenticated_node import AuthenticatedNode, other_keys_text
 from .secoc.key_file import open_authentication
@@ -32,8 +32,9 @@ UNAUTHENTICATED = (
 AUTHENTICATED = "authenticated CAN FD: only frames made with the key are accepted"
 
 
-def add_key_file_argument(parser: argparse.ArgumentParser) -> None:
-    """Add ``--key-file``."""
+def add_edge_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add ``--dialect`` and ``--key-file``."""
+    add_dialect_argument(parser)
     parser.add_argument(
         "--key-file", type=Path, metavar="FILE",
         help="authenticate every frame, as CAN FD, with this key",

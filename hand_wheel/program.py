@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ..dbc.bus_language import BusLanguage, add_dialect_argument
-from ..dbc.edge import add_key_file_argument, open_edge, read_edge_options
+from ..dbc.bus_language import BusLanguage
+from ..dbc.edge import add_edge_arguments, open_edge, read_edge_options
 from ..dbc.messages import (
     CAN_IDS,
     MESSAGE_TYPES,
@@ -63,8 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every cycle, CSV")
     add_fail_if_argument(parser, ENDING.quantities)
-    add_dialect_argument(parser)
-    add_key_file_argument(parser)
+    add_edge_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 

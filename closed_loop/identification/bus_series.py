@@ -91,7 +91,7 @@ class BusSamples:
         kind = type(message)
         newest = max(self._numbers.values(), default=counter)
         expected = self._numbers[kind] + 1 if kind in self._numbers else newest
-        number = self._numbers[kind] = unwrapped(counter, expected, COUNTERS)
+        number = self._numbers[kind] = unwrapped(counter, expected)
         self.rows[kind].append((number, self._at_s + self._pause_s, *values))
 
     def _in_effect_rad(self, status: SteeringStatus, counter: int) -> float:

@@ -32,7 +32,7 @@ import numpy as np
 
 from ...controller.history.echo_delay import unwrapped
 from ...dbc import messages
-from ...dbc.codec.protection import COUNTERS, HALF
+from ...dbc.codec.protection import HALF
 from ...dbc.messages import SteeringStatusCode as Code
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from .durations import Durations, History
@@ -151,10 +151,10 @@ class Latencies:
         """Return the number of a status; its counter is that number modulo 256."""
         newest, newest_ns = self._newest or (counter, time_ns)
         if is_late:
-            return unwrapped(counter, newest, COUNTERS)
+            return unwrapped(counter, newest)
         # After a long gap whole turns of the counter are missing too: the time shows how many.
         periods = round((time_ns - newest_ns) / self._period_ns())
-        number = unwrapped(counter, newest + max(periods, HALF), COUNTERS)
+        number = unwrapped(counter, newest + max(periods, HALF))
         self._newest = number, time_ns
         return number
 

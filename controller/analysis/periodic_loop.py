@@ -167,7 +167,7 @@ class PeriodicLoop:
         """
         a = self.matrices(delay_ns).a
         acts = a != 0.0
-        return a, np.flatnonzero(_reached_from(Y, acts) & _reached_from(Y, acts.T))
+        return a, np.flatnonzero(_reached_from_error(acts) & _reached_from_error(acts.T))
 
     def _respond(self, timing: Timing, tick: int) -> FloatArray:
         """Return the response of a tick to law, commands and measurements; keep it."""
@@ -193,9 +193,9 @@ def linear(settings: ControllerSettings) -> ControllerSettings:
     return settings.model_copy(update={NAME: as_set})
 
 
-def _reached_from(start: int, acts: BoolArray) -> BoolArray:
-    """Return which states a state acts on, itself included; ``acts[i, j]``: j acts on i at once."""
-    reached: BoolArray = np.arange(len(acts)) == start
+def _reached_from_error(acts: BoolArray) -> BoolArray:
+    """Return the lateral error and what it acts on; ``acts[i, j]``: j acts on i at once."""
+    reached: BoolArray = np.arange(len(acts)) == Y
     while True:
         further = reached | (acts @ reached)
         if (further == reached).all():

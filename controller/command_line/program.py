@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ...dbc.bus_language import add_dialect_argument
-from ...dbc.edge import add_key_file_argument, open_edge, read_edge_options, takes_fd
+from ...dbc.edge import add_edge_arguments, open_edge, read_edge_options, takes_fd
 from ...dbc.messages import HandWheelState
 from ...runtime.command_line import add_json_argument, command_parser, offer, run_main, say
 from ...runtime.node import ReportingNode
@@ -68,8 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         " by default, wait for the plant to return",
     )  # fmt: skip
     add_fail_if_argument(parser, ENDING.quantities)
-    add_key_file_argument(parser)
-    add_dialect_argument(parser)
+    add_edge_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 

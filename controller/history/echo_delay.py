@@ -22,6 +22,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
+from ...dbc.codec.protection import COUNTERS, HALF
 from ...dbc.messages import SteeringStatusCode
 from ...runtime.fast_named_tuple import new_record
 from ...runtime.settings import Settings
@@ -102,7 +103,6 @@ def delay_of(p: LoopDelayParams, x: DelayState, echo_sample: int) -> float:
     return x.offset_ns - 0.5 * p.period_ns
 
 
-def unwrapped(counter: int, expected: int, counters: int) -> int:
+def unwrapped(counter: int, expected: int) -> int:
     """Return the number nearest to ``expected`` that the bus carries as ``counter``."""
-    half = counters // 2
-    return expected + (counter - expected + half) % counters - half
+    return expected + (counter - expected + HALF) % COUNTERS - HALF

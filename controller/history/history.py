@@ -143,7 +143,7 @@ def yaw_rate_step(
         return x
     period_ns = p.loop_delay.sensor_period_ns
     expected = errors.sample + (now_ns - errors.arrival_ns) / period_ns
-    sample = unwrapped((first + every * counter) % COUNTERS, int(expected), COUNTERS)
+    sample = unwrapped((first + every * counter) % COUNTERS, int(expected))
     late = expected - sample
     if x.every == 0:
         x = YawRates(-1, first, every, 0, 0.0, counter, now_ns, counter, now_ns)
@@ -242,7 +242,7 @@ def path_step(
     """
     if errors.sample < 0 or speed_m_s <= 0.0:
         return path_end
-    sample = unwrapped(counter, errors.sample, COUNTERS)
+    sample = unwrapped(counter, errors.sample)
     known_1_m, last_index = rings.curvature_1_m, len(ahead_1_m) - 2
     for unknown in range(max(path_end + 1, sample - RING_SIZE // 2), sample):
         known_1_m[unknown & _MASK] = ahead_1_m[0]
@@ -297,7 +297,7 @@ def _sample_of(
         if sample < 0:
             return counter
     expected = sample + (now_ns - arrival_ns) // p.sensor_period_ns
-    return unwrapped(counter, expected, COUNTERS)
+    return unwrapped(counter, expected)
 
 
 def _tick_of(rings: History, commands: Commands, applied_counter: int, status: int) -> int:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...dbc.bus_language import add_dialect_argument
-from ...dbc.edge import add_key_file_argument, open_edge, read_edge_options, takes_fd
+from ...dbc.edge import add_edge_arguments, open_edge, read_edge_options, takes_fd
 from ...runtime.command_line import output_file, run_main, say
 from ...runtime.exit_status import ExitStatus
 from ...runtime.node import ReportingNode
@@ -161,8 +160,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     add_fail_if_argument(parser, ENDING.quantities)
-    add_key_file_argument(parser)
-    add_dialect_argument(parser)
+    add_edge_arguments(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 

@@ -15,7 +15,7 @@ def motion_report(
     rules: VerdictRules,
     noise_m: float,
     period_s: float,
-    is_driven: bool = True,
+    is_driven: bool,
 ) -> Mapping[str, Any]:
     """Return how well the path was held.
 

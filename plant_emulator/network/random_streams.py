@@ -42,7 +42,7 @@ def uniforms(
 
 
 def first_uniforms(seed: int, stream: Stream, count: int) -> NDArray[np.float64]:
-    """Return the first ``count`` numbers of the same stream, shape (count,)."""
+    """Return the first ``count`` numbers of a purpose's stream, shape (count,)."""
     generator = np.random.Generator(_source(seed, stream))
     return np.maximum(generator.random(count), SMALLEST)
 

@@ -49,7 +49,6 @@ class BusOverflowError(RuntimeError):
 class BusLoad(NamedTuple):
     """Totals of the bus.
 
-    ``frames``    complete frames
     ``busy_ns``   time they took, intermissions included [ns]
     ``refused``   frames not taken because their transmit buffer was full
     ``until_ns``  the time that the totals cover, without a frame that is on the wire [ns]
@@ -69,8 +68,7 @@ class BusLoad(NamedTuple):
 class BusModel:
     """A bus. ``now_ns`` must never decrease from one call to the next.
 
-    ``bitrate_bit_s``       nominal bit rate [bit/s]
-    ``data_bitrate_bit_s``  that of FD frames' data phase with BITRATE_SWITCH; the same unless given
+    ``data_bitrate_bit_s``  of FD frames' data phase with BITRATE_SWITCH; the nominal unless given
     ``queue_limit``         size of each transmit buffer [frames]; those of the traffic have one
     ``errors``              noise and error counters; without them every frame is sent whole
     ``traffic``             what else is sent, by nodes of negative numbers

@@ -20,10 +20,11 @@ from typing import NamedTuple
 
 from ..frame import Frame
 from ..frame.frame import arbitration_field
-from ..frame.length_with_stuff_bits import most_frame_bits
+from ..frame.length_with_stuff_bits import INTERMISSION_BITS, most_frame_bits
+from ..node import NS_PER_S
 
 
-class Traffic(NamedTuple):
+class Sending(NamedTuple):
     """One message that is sent again and again.
 
     ``priority``         the arbitration field: the lowest one wins the bus
@@ -52,25 +53,25 @@ class Wire(NamedTuple):
 
 def wire_of(bitrate_bit_s: int) -> Wire:
     """Return a bus of a nominal bit rate [bit/s], whose granularity is a bit time."""
-    bit_ns = -(-1_000_000_000 // bitrate_bit_s)
-    return Wire(3 * bit_ns, bit_ns)
+    bit_ns = -(-NS_PER_S // bitrate_bit_s)
+    return Wire(INTERMISSION_BITS * bit_ns, bit_ns)
 
 
-def traffic_of(
+def sending_of(
     name: str, frame: Frame, period_ns: int, bitrate_bit_s: int, data_bitrate_bit_s: int
-) -> Traffic:
+) -> Sending:
     """Return a message with the longest that any payload can be, rounded up."""
     bits, nominal, data = most_frame_bits(frame), bitrate_bit_s, data_bitrate_bit_s
-    frame_ns = -(-1_000_000_000 * (bits.nominal * data + bits.data * nominal) // (nominal * data))
-    return Traffic(name, arbitration_field(frame), frame_ns, period_ns)
+    frame_ns = -(-NS_PER_S * (bits.nominal * data + bits.data * nominal) // (nominal * data))
+    return Sending(name, arbitration_field(frame), frame_ns, period_ns)
 
 
-def load(messages: Sequence[Traffic], wire: Wire) -> float:
+def load(messages: Sequence[Sending], wire: Wire) -> float:
     """Share of the time that the bus is busy, at most."""
     return sum((m.frame_ns + wire.intermission_ns) / m.period_ns for m in messages)
 
 
-def worst_response_ns(message: Traffic, messages: Sequence[Traffic], wire: Wire) -> int | None:
+def worst_response_ns(message: Sending, messages: Sequence[Sending], wire: Wire) -> int | None:
     """Longest time from a release of ``message`` to its end of frame [ns]; None if unbounded.
 
     ``messages`` are all on the bus, ``message`` among them, each of a priority of its own.
@@ -94,7 +95,7 @@ def worst_response_ns(message: Traffic, messages: Sequence[Traffic], wire: Wire)
 
 
 def _sent_by_ns(
-    at_least_ns: int, own_ns: int, others: Sequence[Traffic], wire: Wire, later_ns: int
+    at_least_ns: int, own_ns: int, others: Sequence[Sending], wire: Wire, later_ns: int
 ) -> int:
     """When a bus has sent what takes ``own_ns``, and all that others release until then [ns].
 

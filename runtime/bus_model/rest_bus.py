@@ -40,12 +40,7 @@ NO_TRAFFIC = Traffic()
 
 
 class RestBus:
-    """The messages of one bus.
-
-    ``ticks``  of the bus
-
-    ``next_due_ns``  when the next message is released [ns]
-    """
+    """The messages of one bus."""
 
     def __init__(self, traffic: Traffic, ticks: BitTicks) -> None:
         ranked = sorted(traffic.messages, key=lambda one: arbitration_field(one.frames[0]))

@@ -1,8 +1,8 @@
-"""When the run of a node has to end: after its duration, or with a signal."""
+"""End of a node's run: after its duration, or with a signal."""
 
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -13,14 +13,13 @@ from ..node import NEVER_NS
 class StopRequest:
     """Becomes true when the run has to end, and keeps the reason."""
 
-    def __init__(self, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        self._clock_ns = clock_ns
+    def __init__(self) -> None:
         self._end_ns = NEVER_NS
         self.reason = ""
 
     def __call__(self) -> bool:
         """Whether the run is to end."""
-        if not self.reason and self._clock_ns() >= self._end_ns:
+        if not self.reason and time.monotonic_ns() >= self._end_ns:
             self.reason = "duration"
         return bool(self.reason)
 

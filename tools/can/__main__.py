@@ -16,9 +16,9 @@ from rich.table import Table
 from steer_by_wire.closed_loop.reports.terminal import plain_table
 from steer_by_wire.dbc.foreign_messages import read_message_set
 from steer_by_wire.runtime.bus_model.response_times import (
-    Traffic,
+    Sending,
     load,
-    traffic_of,
+    sending_of,
     wire_of,
     worst_response_ns,
 )
@@ -50,7 +50,7 @@ status is 0 whatever it finds.
 PERIOD_MS_MIN, PERIOD_MS_MAX = 0.1, 3_600_000
 
 
-Response = tuple[Traffic, Frame, int | None]
+Response = tuple[Sending, Frame, int | None]
 """A message of the bus, a frame of it, and its longest response with any payload [ns]; None on an
 overloaded bus."""
 
@@ -98,7 +98,7 @@ def _response_times(options: argparse.Namespace) -> int:
         what = "no message has a cycle time; give some with --period NAME=MS"
         say(RESPONSE_TIMES, what, sys.stderr)
         return ExitStatus.SETTINGS
-    wire, every = wire_of(options.bitrate), [traffic for traffic, _ in sent]
+    wire, every = wire_of(options.bitrate), [sending for sending, _ in sent]
     responses = [(*one, worst_response_ns(one[0], every, wire)) for one in sent]
     busy = load(every, wire)
     console = Console(markup=False, highlight=False)
@@ -112,8 +112,8 @@ def _response_times(options: argparse.Namespace) -> int:
     record = {
         "bus": {**rates, "jitter_ms": options.jitter_ms},
         "messages": [
-            {**traffic._asdict(), "can_id": frame.can_id, "bound_ns": bound_ns}
-            for traffic, frame, bound_ns in responses
+            {**sending._asdict(), "can_id": frame.can_id, "bound_ns": bound_ns}
+            for sending, frame, bound_ns in responses
         ],
         "load": busy,
     }
@@ -123,14 +123,14 @@ def _response_times(options: argparse.Namespace) -> int:
 
 def _messages(
     options: argparse.Namespace,
-) -> tuple[list[tuple[Traffic, Frame]], dict[str, list[str]]]:
+) -> tuple[list[tuple[Sending, Frame]], dict[str, list[str]]]:
     """Return the messages of the files by priority, each with a frame, and others' names by cause.
 
     Raises SettingsError for a file that cannot be read, and for two messages of one identifier.
     """
     listed = [message for file in options.files for message in read_message_set(file)]
     periods_ms = _periods_ms(options.period, {message.name for message in listed})
-    sent, too_long, no_cycle = list[tuple[Traffic, Frame]](), list[str](), list[str]()
+    sent, too_long, no_cycle = list[tuple[Sending, Frame]](), list[str](), list[str]()
     for message in listed:
         period_ms = periods_ms.get(message.name, message.cycle_ms)
         if not message.fits_a_frame:
@@ -140,9 +140,9 @@ def _messages(
         else:
             frame = Frame(message.can_id, bytes(message.length), message.flags)
             rates = options.bitrate, options.data_bitrate
-            traffic = traffic_of(message.name, frame, round(period_ms * NS_PER_MS), *rates)
+            sending = sending_of(message.name, frame, round(period_ms * NS_PER_MS), *rates)
             jitter_ns = round(options.jitter_ms * NS_PER_MS)
-            sent.append((traffic._replace(jitter_ns=jitter_ns), frame))
+            sent.append((sending._replace(jitter_ns=jitter_ns), frame))
     sent.sort(key=lambda one: one[0].priority)
     for (one, frame), (other, _) in pairwise(sent):
         if one.priority == other.priority:
@@ -175,14 +175,14 @@ def _table(responses: Sequence[Response], bitrate_bit_s: int) -> Table:
     numbers = ("bytes", "period", "frame", "bound", "deadline")
     table = plain_table(("message", "identifier"), numbers, title)
     table.caption = "bound: any payload and phases. deadline: the period."
-    for traffic, frame, bound_ns in responses:
+    for sending, frame, bound_ns in responses:
         verdict = "no bound"
         if bound_ns is not None:
-            verdict = "met" if bound_ns <= traffic.period_ns else "MISSED"
+            verdict = "met" if bound_ns <= sending.period_ns else "MISSED"
         width = 8 if frame.flags & EXTENDED else 3
         table.add_row(
-            traffic.name, f"0x{frame.can_id:0{width}X}", str(len(frame.data)),
-            f"{traffic.period_ns / 1e6:g}", f"{traffic.frame_ns / 1e6:.3f}",
+            sending.name, f"0x{frame.can_id:0{width}X}", str(len(frame.data)),
+            f"{sending.period_ns / 1e6:g}", f"{sending.frame_ns / 1e6:.3f}",
             "-" if bound_ns is None else f"{bound_ns / 1e6:.3f}", verdict,
         )  # fmt: skip
     return table

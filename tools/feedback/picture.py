@@ -19,7 +19,7 @@ from steer_by_wire.dbc.messages import (
     SteeringForce,
 )
 from steer_by_wire.hand_wheel.wheel import GRIPS
-from steer_by_wire.runtime.bus_model.response_times import traffic_of, wire_of, worst_response_ns
+from steer_by_wire.runtime.bus_model.response_times import sending_of, wire_of, worst_response_ns
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.tools.feedback.frontier import Point
@@ -48,13 +48,13 @@ def both_ways_ms(cycle_s: float) -> tuple[float, float | None]:
     periods_ms: dict[type[Message], float] = {k: ms for k, ms in CYCLE_TIMES_MS.items() if ms}
     periods_ms |= {k: ACTIVE_CYCLE_TIMES_MS[k] for k in (HandWheelFeedback, HandWheelStatus)}
     periods_ms |= dict.fromkeys(_THERE_AND_BACK, 1e3 * cycle_s)
-    wire, traffic = wire_of(BITRATE_BIT_S), {}
+    wire, sendings = wire_of(BITRATE_BIT_S), {}
     for kind, period_ms in periods_ms.items():
         frame, period_ns = Frame(CAN_IDS[kind], bytes(8)), round(period_ms * NS_PER_MS)
-        traffic[kind] = traffic_of(kind.__name__, frame, period_ns, BITRATE_BIT_S, BITRATE_BIT_S)
-    both = [traffic[kind] for kind in _THERE_AND_BACK]
+        sendings[kind] = sending_of(kind.__name__, frame, period_ns, BITRATE_BIT_S, BITRATE_BIT_S)
+    both = [sendings[kind] for kind in _THERE_AND_BACK]
     frames_ns = sum(message.frame_ns for message in both)
-    bounds_ns = [worst_response_ns(message, [*traffic.values()], wire) for message in both]
+    bounds_ns = [worst_response_ns(message, [*sendings.values()], wire) for message in both]
     known_ns = [bound_ns for bound_ns in bounds_ns if bound_ns is not None]
     waiting_ms = (sum(known_ns) - frames_ns) / NS_PER_MS if len(known_ns) == len(both) else None
     return frames_ns / NS_PER_MS, waiting_ms

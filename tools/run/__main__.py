@@ -32,8 +32,8 @@ from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.settings import shared_vehicle as controller_vehicle
-from steer_by_wire.dbc.bus_language import BusLanguage, add_dialect_argument
-from steer_by_wire.dbc.edge import add_key_file_argument, read_edge_options
+from steer_by_wire.dbc.bus_language import BusLanguage
+from steer_by_wire.dbc.edge import add_edge_arguments, read_edge_options
 from steer_by_wire.dbc.secoc.key_file import read_key
 from steer_by_wire.hand_wheel.program import QUANTITIES as OF_HAND_WHEEL
 from steer_by_wire.hand_wheel.program import write_hand_wheel_trace
@@ -188,8 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--hand-wheel", type=settings_file(HAND_WHEEL_PRESETS), metavar="FILE",
         help="add a hand wheel with its driver: a settings file or a preset, as still or hands_off",
     )  # fmt: skip
-    add_dialect_argument(parser)
-    add_key_file_argument(parser)
+    add_edge_arguments(parser)
     bus = parser.add_mutually_exclusive_group()
     bus.add_argument(
         "--bitrate", type=bit_rate, metavar="BIT/S",

@@ -29,13 +29,9 @@ class SteadyTurn(NamedTuple):
 
 
 def steady_turn(
-    vehicle: VehicleSettings,
-    car: CarSettings,
-    speed_m_s: float,
-    curvature_1_m: float = 0.0,
-    friction: float = 1.0,
+    vehicle: VehicleSettings, car: CarSettings, speed_m_s: float, curvature_1_m: float
 ) -> SteadyTurn:
-    """Return the steady turn at a speed on a curvature; ``friction`` is a factor on the car's.
+    """Return the steady turn at a speed on a curvature.
 
     Raises ValueError where the tyres cannot hold the car on it.
     """
@@ -47,7 +43,7 @@ def steady_turn(
         (p.front, p.front_load_n, p.rear_axle_m),
         (p.rear, p.rear_load_n, p.front_axle_m),
     ):
-        limit_n = p.friction * friction * load_n
+        limit_n = p.friction * load_n
         force_n = side_n * arm_m / wheelbase_m
         slip = _slip(tyre, load_n, limit_n, force_n)
         below_n, above_n = (lateral_n(tyre, load_n, limit_n, slip + d) for d in (-_SMALL, _SMALL))

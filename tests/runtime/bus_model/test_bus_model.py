@@ -111,6 +111,7 @@ def test_frames_back_to_back_do_not_add_up_rounding() -> None:
         bits += frame_bits(Frame(0x100, number.to_bytes(8, "big"))).nominal
         assert end_ns == -(-bits * 1_000_000_000 // 83_333)
         bits += INTERMISSION_BITS
+    assert number == 999
 
 
 def test_a_full_queue_refuses_only_its_own_sender() -> None:

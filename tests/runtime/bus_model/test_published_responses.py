@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.response_times import Traffic, Wire, wire_of, worst_response_ns
+from steer_by_wire.runtime.bus_model.response_times import Sending, Wire, wire_of, worst_response_ns
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame.length_with_stuff_bits import frame_bits
 from tests.support.wire.simulated_responses import critical_response_ns
@@ -21,10 +21,10 @@ EDGE_NS = 1
 """A frame of lower priority wins the bus a nanosecond before, not at the same time."""
 
 
-def messages_of(published: Mapping[str, Any], payloads: Sequence[int]) -> list[Traffic]:
+def messages_of(published: Mapping[str, Any], payloads: Sequence[int]) -> list[Sending]:
     """Of the longest frames with 11 bits of identifier: 52 bits and 10 a byte."""
     return [
-        Traffic(f"m{n}", n, (52 + 10 * size) * bit_ns(published), round(period_ms * 1e6))
+        Sending(f"m{n}", n, (52 + 10 * size) * bit_ns(published), round(period_ms * 1e6))
         for n, (size, period_ms) in enumerate(zip(payloads, published["period_ms"], strict=True))
     ]
 
@@ -33,7 +33,7 @@ def bit_ns(published: Mapping[str, Any]) -> int:
     return 1_000_000_000 // int(published["bitrate_bit_s"])
 
 
-def in_ms(messages: Sequence[Traffic], wire: Wire, index: int) -> float:
+def in_ms(messages: Sequence[Sending], wire: Wire, index: int) -> float:
     response_ns = worst_response_ns(messages[index], messages, wire)
     assert response_ns is not None
     return (response_ns + (EDGE_NS if index + 1 < len(messages) else 0)) / 1e6

@@ -17,7 +17,7 @@ from response_time_analysis.model import (
 
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
 from steer_by_wire.runtime.bus_model.response_times import (
-    Traffic,
+    Sending,
     Wire,
     load,
     wire_of,
@@ -32,10 +32,10 @@ MS = 1_000_000
 SILENT = Wire(intermission_ns=0, granularity_ns=1)
 
 
-def random_set(draw: random.Random, unit: int) -> list[Traffic]:
+def random_set(draw: random.Random, unit: int) -> list[Sending]:
     count = draw.randint(2, 9)
     return [
-        Traffic(
+        Sending(
             f"m{index}",
             index,
             draw.randint(2, 9) * unit,
@@ -66,14 +66,14 @@ def test_the_bounds_are_those_of_a_proved_implementation(seed: int) -> None:
         assert worst_response_ns(message, messages, SILENT) == proved + message.jitter_ns
 
 
-def random_frames(draw: random.Random) -> tuple[list[Traffic], dict[str, Frame]]:
+def random_frames(draw: random.Random) -> tuple[list[Sending], dict[str, Frame]]:
     messages, frames = [], {}
     for index in range(draw.randint(2, 8)):
         frame = Frame(0x100 + index, draw.randbytes(draw.choice((0, 2, 8, 8))))
         period_ns = draw.choice((5, 10, 17, 20, 50)) * MS
         frame_ns = sum(frame_bits(frame)) * 1_000_000_000 // BITRATE_BIT_S
         jitter_ns = draw.choice((0, 0, period_ns // 5, period_ns // 2))
-        messages.append(Traffic(f"m{index}", frame.can_id, frame_ns, period_ns, jitter_ns))
+        messages.append(Sending(f"m{index}", frame.can_id, frame_ns, period_ns, jitter_ns))
         frames[f"m{index}"] = frame
     return messages, frames
 
@@ -89,5 +89,5 @@ def test_the_critical_instant_reaches_the_bound(seed: int) -> None:
 
 
 def test_a_bus_that_is_overloaded_has_no_bound() -> None:
-    high, low = Traffic("high", 1, MS, MS), Traffic("low", 2, MS, 100 * MS)
+    high, low = Sending("high", 1, MS, MS), Sending("low", 2, MS, 100 * MS)
     assert worst_response_ns(low, [high, low], wire_of(BITRATE_BIT_S)) is None

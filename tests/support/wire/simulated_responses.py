@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from heapq import merge
 
 from steer_by_wire.runtime.bus_model.bus_model import BusModel
-from steer_by_wire.runtime.bus_model.response_times import Traffic
+from steer_by_wire.runtime.bus_model.response_times import Sending
 from steer_by_wire.runtime.frame import Frame
 
 Release = tuple[int, int, int]
@@ -17,7 +17,7 @@ Release = tuple[int, int, int]
 
 
 def critical_response_ns(
-    message: Traffic, messages: Sequence[Traffic], frames: Mapping[str, Frame], bus: BusModel
+    message: Sending, messages: Sequence[Sending], frames: Mapping[str, Frame], bus: BusModel
 ) -> int:
     """Longest response of ``message`` in the busy period that begins at its critical instant [ns].
 
@@ -34,7 +34,7 @@ def critical_response_ns(
     return _responses(releases, [frames[m.name] for m in messages], bus)[messages.index(message)]
 
 
-def _at_once(message: Traffic, index: int, start_ns: int) -> Iterator[Release]:
+def _at_once(message: Sending, index: int, start_ns: int) -> Iterator[Release]:
     """The first release after the longest jitter, the others without any."""
     yield start_ns, start_ns - message.jitter_ns, index
     due_ns = start_ns - message.jitter_ns
