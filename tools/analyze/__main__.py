@@ -82,7 +82,7 @@ def print_results(results: Sequence[Result]) -> None:
     table.add_column("")
     for result in results:
         table.add_column(result.folder.name, justify="right", overflow="fold")
-    for label, read in _ROWS.items():  # their units are in brackets, as markup would be
+    for label, read in _ROWS:  # their units are in brackets, as markup would be
         table.add_row(Text(label), *(read(result.figures) for result in results))
     console = Console(width=None if sys.stdout.isatty() else 100)
     console.print(table)
@@ -133,26 +133,26 @@ def _missing(figures: dict[str, Any]) -> str:
     return f"{sum(m['missing'] for m in messages)}/{sum(m['late'] for m in messages)}"
 
 
-_ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "frames": lambda figures: str(figures["frames"]),
-    "duration [s]": lambda f: "no times" if f["duration_s"] is None else f"{f['duration_s']:.2f}",
-    "preview point, RMS [mm]": _ms("signals", "lateral_error_m", "rms"),
-    "preview point, peak [mm]": _ms("signals", "lateral_error_m", "peak"),
-    "centre of gravity, RMS [mm]": _ms("signals", "cg_deviation_m", "rms"),
-    "centre of gravity, peak [mm]": _ms("signals", "cg_deviation_m", "peak"),
-    "steer, RMS [mrad]": _ms("signals", "steer_rad", "rms"),
-    "steer, peak [mrad]": _ms("signals", "steer_rad", "peak"),
-    "round trip, p50/p99/jitter [ms]": _latency("round_trip"),
-    "  of the network, 95 %": _intervals("round_trip"),
-    "commands, latency, p50/p99/jitter [ms]": _latency("reported_downlink"),
-    "commands, latency and wait, same [ms]": _latency("downlink"),
-    "  of the network,  95 %": _intervals("downlink"),
-    "measurements, latency, same [ms]": _latency("uplink"),
-    "  of the network, 95 % ": _intervals("uplink"),
-    "counters missing/of them late": _missing,
-    "refused": lambda figures: str(sum(figures["refused"].values())),
-    "foreign": lambda figures: str(figures["foreign_frames"]),
-}
+_ROWS: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
+    ("frames", lambda figures: str(figures["frames"])),
+    ("duration [s]", lambda f: "no times" if f["duration_s"] is None else f"{f['duration_s']:.2f}"),
+    ("preview point, RMS [mm]", _ms("signals", "lateral_error_m", "rms")),
+    ("preview point, peak [mm]", _ms("signals", "lateral_error_m", "peak")),
+    ("centre of gravity, RMS [mm]", _ms("signals", "cg_deviation_m", "rms")),
+    ("centre of gravity, peak [mm]", _ms("signals", "cg_deviation_m", "peak")),
+    ("steer, RMS [mrad]", _ms("signals", "steer_rad", "rms")),
+    ("steer, peak [mrad]", _ms("signals", "steer_rad", "peak")),
+    ("round trip, p50/p99/jitter [ms]", _latency("round_trip")),
+    ("  of the network, 95 %", _intervals("round_trip")),
+    ("commands, latency, p50/p99/jitter [ms]", _latency("reported_downlink")),
+    ("commands, latency and wait, p50/p99/jitter [ms]", _latency("downlink")),
+    ("  of the network, 95 %", _intervals("downlink")),
+    ("measurements, latency, p50/p99/jitter [ms]", _latency("uplink")),
+    ("  of the network, 95 %", _intervals("uplink")),
+    ("counters missing/of them late", _missing),
+    ("refused", lambda figures: str(sum(figures["refused"].values()))),
+    ("foreign", lambda figures: str(figures["foreign_frames"])),
+)
 
 
 NAME = "steer-by-wire analyze"

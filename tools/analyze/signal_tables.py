@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...closed_loop.recordings.log_analysis import LoggedMessages
-from ...dbc.listening import OUR_MESSAGES, Listening
+from ...dbc.listening import Listening
 from ...dbc.messages import MESSAGE_TYPES
 from ...runtime.output_file import open_text
 
@@ -20,12 +20,15 @@ from ...runtime.output_file import open_text
 class CsvTable:
     """Writes the table as CSV, of the messages that are on the bus."""
 
-    def __init__(self, path: Path, listening: Listening = OUR_MESSAGES) -> None:
+    def __init__(self, path: Path, listening: Listening) -> None:
         self._listening, self._columns = listening, list[str]()
         self._places = dict[str, slice]()
         for name in listening.listed:
             begin = len(self._columns)
-            self._columns += columns_of(name, listening)
+            of_car = listening.car_messages.get(name)
+            fields = of_car.signals if of_car else MESSAGE_TYPES[name]._fields
+            first = name if of_car else name.lower()
+            self._columns += [f"{first}.{field}" for field in fields]
             self._places[name] = slice(begin, len(self._columns))
         self._file = open_text(path)
         self._file.write(",".join(("time_s", "message", *self._columns)) + "\n")
@@ -54,10 +57,3 @@ class CsvTable:
     def close(self) -> None:
         """Write out what is still held back."""
         self._file.close()
-
-
-def columns_of(name: str, listening: Listening = OUR_MESSAGES) -> list[str]:
-    """Return the columns of a message on the bus."""
-    if (of_car := listening.car_messages.get(name)) is not None:
-        return [f"{name}.{signal}" for signal in of_car.signals]
-    return [f"{name.lower()}.{field}" for field in MESSAGE_TYPES[name]._fields]

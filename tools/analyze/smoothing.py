@@ -72,7 +72,6 @@ def smooth_vehicle(
     """Return the states of VEHICLE_STATES at every sample.
 
     ``measured``   lateral error [m] and heading error [rad], shape (samples, 2); NaN where lost
-    ``wheel_rad``  of every sample
     """
     settings, states = EstimatorSettings(), len(VEHICLE_STATES)
     model = sampled_vehicles(settings, vehicle, [speed_m_s], period_s)

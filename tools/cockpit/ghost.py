@@ -5,7 +5,6 @@ command. Seed and latency are those of the visitor's plant, so every frame meets
 """
 
 import math
-from typing import NamedTuple
 
 from ...closed_loop.pair.virtual_pair import make_virtual_pair
 from ...controller.settings import controller_preset
@@ -18,14 +17,7 @@ _LAW = "highway_stiff_predictor"
 _ERROR_ID = CAN_IDS[LateralError]
 
 
-class Offset(NamedTuple):
-    """Where the ghost is measured against the path: to its left, and turned to the left."""
-
-    lateral_m: float
-    heading_rad: float
-
-
-_UNKNOWN = Offset(math.nan, math.nan)
+_UNKNOWN = LateralError(math.nan, math.nan)
 
 
 class Ghost:
@@ -41,7 +33,7 @@ class Ghost:
         nodes = (self._pair.edge, self._pair.controller)
         self._executor = VirtualTimeExecutor(nodes, on_wire=self._on_wire)
         self._start_ns: int | None = None
-        self._offset = _UNKNOWN
+        self._error = _UNKNOWN
 
     def begin(self, now_ns: int) -> None:
         """Start, unless it drives already."""
@@ -53,17 +45,15 @@ class Ghost:
         self.at(now_ns)
         self._pair.edge.on_frame(frame, self._executor.now_ns)
 
-    def at(self, now_ns: int) -> Offset:
-        """Return where it is."""
+    def at(self, now_ns: int) -> LateralError:
+        """Return where it is against the path."""
         if self._start_ns is not None:
             self._executor.run(now_ns - self._start_ns)
-        return self._offset
+        return self._error
 
     def _on_wire(self, _time_ns: int, _sender: int, frame: Frame) -> None:
         if frame.can_id != _ERROR_ID:
             return
         decoded = decode(frame)
         if isinstance(decoded, Decoded) and isinstance(decoded.message, LateralError):
-            self._offset = Offset(
-                decoded.message.lateral_error_m, decoded.message.heading_error_rad
-            )
+            self._error = decoded.message

@@ -108,11 +108,9 @@ class OwnLanes:
 
     ``wanted``    bus: auto, socketcan or emulated, as ``open_channels`` takes it
     ``settings``  of an emulated bus
-    ``language``  of the bus
     ``usb_wheel`` device in the visitor's hands, in the first lane with a hand wheel
 
     ``lanes``, ``facts``  one a pair
-    ``bus``               description of the bus
     ``hand``              where the visitor's angle goes; None where no one can steer
     """
 

@@ -34,10 +34,7 @@ _LIGHT_CHANGES_MAX = 20_000
 def read_replay(
     files: Sequence[Path], channel: str | None = None, listening: Listening = OUR_MESSAGES
 ) -> bytes:
-    """Return the block of one recording, which may be several files; raises LogError.
-
-    ``listening``  understands the bus
-    """
+    """Return the block of one recording, which may be several files; raises LogError."""
     replay = _Replay(listening)
     for file in files:
         log = open_log(file)
@@ -46,7 +43,7 @@ def read_replay(
                 replay.on_frame(file, time_ns, frame)
         if log.cut_off:
             replay.cut_off = f", cut off: {file.name}: {log.cut_off}"
-    if not replay.has_begun:
+    if replay.start_ns is None:
         raise LogError(f"{files[0]}: no frame of this channel")
     names = ", ".join(file.name for file in files)
     (line,) = law_lines([replay.law.lower()])
@@ -84,14 +81,15 @@ class _Thinned:
 class _Replay:
     """One recording.
 
-    ``law``      that its controller reported last
-    ``cut_off``  what ended it before its time
+    ``law``       that its controller reported last
+    ``cut_off``   what ended it before its time
+    ``start_ns``  time of its first frame; None without one
     """
 
     def __init__(self, listening: Listening) -> None:
         self.cut_off = ""
         self._sampler = Sampler(0, listening=listening)
-        self._start_ns: int | None = None
+        self.start_ns: int | None = None
         self._now_ns = 0
         self._rows = _Thinned(ROW_PERIOD_S, ROWS_MAX)
         self._frame_lists = _Thinned(_FRAME_LIST_S, _FRAME_LISTS_MAX)
@@ -101,18 +99,13 @@ class _Replay:
         """Take one frame; raises LogError for one without a time."""
         if time_ns is None:
             raise LogError(f"{file}: has no times, which a replay needs")
-        if self._start_ns is None:
-            self._start_ns = time_ns
+        if self.start_ns is None:
+            self.start_ns = time_ns
         # A clock that was set back stands still here.
-        now_ns = max(time_ns - self._start_ns, self._now_ns)
+        now_ns = max(time_ns - self.start_ns, self._now_ns)
         self._leave(now_ns)
         self._now_ns = now_ns
         self._sampler.on_frame(frame, now_ns)
-
-    @property
-    def has_begun(self) -> bool:
-        """Whether there was a frame."""
-        return self._start_ns is not None
 
     @property
     def law(self) -> str:

@@ -136,7 +136,6 @@ class Sampler:
     ``start_ns``  from which the rows' times count
     ``path``      that is driven; None where it is not known
     ``ghost``     drawn next to the visitor's car; None where no hand steers
-    ``listening`` understands the bus
     """
 
     def __init__(
@@ -254,8 +253,8 @@ class Sampler:
             "foot_x_m": foot.x_m,
             "foot_y_m": foot.y_m,
             "path_heading_rad": foot.heading_rad,
-            "ghost_m": ghost and ghost.lateral_m,
-            "ghost_heading_rad": ghost and ghost.heading_rad,
+            "ghost_m": ghost and ghost.lateral_error_m,
+            "ghost_heading_rad": ghost and ghost.heading_error_rad,
             "rms_m": score.get("rms_m"),
             "peak_m": self._score.peak_m if score else None,
             "hand_wheel_rad": wheel and wheel.hand_wheel_angle_rad,

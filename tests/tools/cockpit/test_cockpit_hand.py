@@ -187,15 +187,16 @@ def test_the_ghost_starts_with_the_visitor_and_meets_the_same_delay_and_gust() -
     (round_,) = (one for one in scenarios() if one.title == "Drive it: no delay")
     (lane,) = lane_settings(round_)
     quick, slow = Ghost(lane.plant), Ghost(lane.plant)
-    assert math.isnan(quick.at(9 * NS_PER_S).lateral_m)
+    assert math.isnan(quick.at(9 * NS_PER_S).lateral_error_m)
     for car in (quick, slow):
         car.begin(9 * NS_PER_S)
         car.begin(10 * NS_PER_S)  # by the second command
     late = latency_of(Direction.DOWNLINK, 0.4)
     slow.configure(encode(late, 0), 10 * NS_PER_S)
     for car in (quick, slow):
-        assert abs(car.at(11 * NS_PER_S).lateral_m) < 1e-3  # on the straight of the beginning
+        assert abs(car.at(11 * NS_PER_S).lateral_error_m) < 1e-3  # on the straight of the beginning
         car.configure(
             encode(message_with(DisturbanceConfig, side_force_n=1500.0), 0), 11 * NS_PER_S
         )
-    assert 0.005 < quick.at(12 * NS_PER_S).lateral_m < slow.at(12 * NS_PER_S).lateral_m < 0.2
+    quick_m, slow_m = (car.at(12 * NS_PER_S).lateral_error_m for car in (quick, slow))
+    assert 0.005 < quick_m < slow_m < 0.2
