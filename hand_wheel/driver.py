@@ -30,7 +30,6 @@ class TwoPointParams(NamedTuple):
     """Constants of the two-point driver; gains as k_f, k_n and k_I above.
 
     ``near_rad_max``  limit of the saturation
-    ``near_m``        distance of the near point
     ``far_s``         time to the far point
     ``reaction``      reaction time in cycles, 1 or more; NO_SIGHT: he does not look
     ``kept``          e^(-T/T_N): what a cycle T leaves of the neuromuscular lag's error

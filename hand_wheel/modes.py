@@ -1,4 +1,4 @@
-"""When the hand wheel lets the driver feel the road, and what it does when the road falls silent.
+"""Modes of the hand wheel: when the driver feels the road, and what is done when it falls silent.
 
     mode        feedback
     WAITING     local damping alone: the road was never heard

@@ -101,8 +101,6 @@ class HandWheelNode:
     ``samples_max``  largest number of cycles stored in ``samples``
     ``person``       what a person's hands do at a time; None where they are off
 
-    ``cycle_params`` constants of a cycle
-    ``deadline_ns``  when the next cycle is due [ns]
     ``finished``     whether a fault of its own has ended it, with the feedback faded out
     """
 

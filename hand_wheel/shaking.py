@@ -1,4 +1,4 @@
-"""Whether the hand wheel shakes: its own motion at the end of a run, without what is slow in it.
+"""Shaking of the hand wheel: its own motion at the end of a run, without what is slow in it.
 
 Its own motion is that of ``cycle.own_motion``.
 

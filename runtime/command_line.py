@@ -262,7 +262,7 @@ def run_main(name: str, main: Callable[[], int]) -> int:
 
 def _line_and_status(error: Exception) -> tuple[str, ExitStatus] | None:
     """Return what to report of an error, and how to end; None for a mistake of the program."""
-    # Whoever raises an error of python-can has imported it; this module does without.
+    # What raises an error of python-can has imported it; this module does without.
     can = sys.modules.get("can")
     if isinstance(error, UserError):
         return str(error), error.exit_status

@@ -37,10 +37,7 @@ def most_severe(*reached: ExitStatus) -> ExitStatus:
 
 
 class UserError(Exception):
-    """An error that a user can cause and mend; the text has one line for each mistake.
-
-    ``exit_status``  with which it ends a program
-    """
+    """An error that a user can cause and mend; the text has one line for each mistake."""
 
     exit_status = ExitStatus.SETTINGS
 

@@ -1,4 +1,4 @@
-"""Runs plant and controller compiled: the results of ``run_virtual_pair`` on an ideal wire, faster.
+"""Compiled runs: the results of ``run_virtual_pair`` on an ideal wire, faster.
 
 Every number is the same to the last bit: the input is the settings of the two programs, and the
 arithmetic is theirs (``closed_loop.compiled.step_functions``). A run ends early on an error that

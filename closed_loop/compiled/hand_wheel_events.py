@@ -1,4 +1,4 @@
-"""When everything of a hand wheel happens in a compiled run; the network alone decides that.
+"""Events of a hand wheel in a compiled run, and their times; the network alone decides these.
 
 At one instant, with what ``closed_loop.compiled.loop`` does at it:
 

@@ -42,7 +42,6 @@ class Figure(NamedTuple):
     """A figure and its interval; an end is infinite where the log does not know it.
 
     ``note``      with what in combination, or what to drive
-    ``partners``  names of what it is combined with
     """
 
     name: str

@@ -90,7 +90,6 @@ class Refit(NamedTuple):
     """The end of a search.
 
     ``x``       coordinates of what was sought
-    ``errors``  of each sensor
     ``slopes``  of them, and the coordinates where these were taken
     """
 
@@ -245,7 +244,8 @@ def fit(problem: Problem, grid: Grid, progress: Progress = quiet, begin: Fit | N
             if number == _COARSE_ROUNDS:
                 judge.turn_to(grid)
             x, _, errors, _ = judge.search(x, max(1e-5, 1e-3 * 0.1**number), progress)
-            spreads = _deviations(errors)
+            # The deviations of white errors that would tell as much as these.
+            spreads = np.array([max(rms(e) * np.sqrt(samples_alike(e)), 1e-9) for e in errors])
             change = float(np.abs(spreads / judge.deviations - 1.0).max())
             judge.deviations, judge.best = spreads, (np.inf, x)
             if change < _SPREAD_CHANGE and number >= _COARSE_ROUNDS:
@@ -271,11 +271,6 @@ def refit(
     judge, x = _Judge(found.problem.holding(held), found.grid, found.deviations), found.x[keep]
     judge.reach, judge.slopes = _REACH_OF_COST, near.slopes if near else (x, found.slopes[:, keep])
     return judge.search(near.x if near else x, tolerance, progress)
-
-
-def _deviations(errors: Sequence[FloatArray]) -> FloatArray:
-    """Return the deviation of white errors that would tell as much as these."""
-    return np.array([max(rms(e) * np.sqrt(samples_alike(e)), 1e-9) for e in errors])
 
 
 def _described(judge: _Judge, x: FloatArray, is_whole: bool) -> Fit:

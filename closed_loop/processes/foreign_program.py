@@ -1,4 +1,4 @@
-"""Runs another program and returns its exit status.
+"""Process around another program, which ends it in time and returns its exit status.
 
 python -m steer_by_wire.closed_loop.processes.foreign_program WORDS...
 

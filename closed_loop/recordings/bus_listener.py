@@ -81,10 +81,7 @@ class Taken(NamedTuple):
 class BusListener:
     """Takes every frame on a bus, in order.
 
-    ``listening``       understands it
-
     ``foreign``         frames by identifier, for the first FOREIGN_IDS_MAX that the DBC lacks
-    ``foreign_frames``  frames with an identifier that the DBC lacks
     ``error_frames``    which the listener's own CAN controller generates
     """
 

@@ -97,9 +97,6 @@ class Newest(NamedTuple):
 class BusWatch:
     """Takes every frame on the bus; its methods tell the state at a time.
 
-    ``listening``  understands the bus
-
-    ``listener``        counts what is refused and foreign
     ``round_trips``     from a command to the first status that names it [s]
     ``cg_deviation_m``  newest deviation of the centre of gravity [m]; NaN where it is not known yet
     """

@@ -159,7 +159,6 @@ class LogAnalysis:
     """Analyses one log.
 
     ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
-    ``listening``  understands the bus
 
     Frames have times in nanoseconds. In a log without times every frame has None, and there are no
     figures of latency and cycles.
@@ -376,7 +375,6 @@ def analyse_files(
     ``exports``  receive every message; the caller closes them
     ``advance``  called now and then with a file and how much of it was read (None: unknown)
     ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
-    ``listening``  understands the bus
 
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """

@@ -45,7 +45,6 @@ class Uplink(NamedTuple):
 
     ``latency_ns``  shape (n,) [ns], the smallest of each part is 0
     ``skipped``     samples that the plant seems to have skipped
-    ``period_ns``   of the samples
     ``error_ns``    standard error of the period
     ``edges``       first samples of the parts, and the end; each part has its own fastest sample
     """

@@ -1,4 +1,4 @@
-"""Runs plant emulator and controller together from Python; the result is arrays.
+"""Runs of plant emulator and controller together from Python; the result is arrays.
 
 >>> import steer_by_wire
 >>> run = steer_by_wire.simulate(duration_s=5.0, overrides={"plant.latency.downlink.mean_s": 0.08})

@@ -1,4 +1,4 @@
-"""Computes scenarios, in a thread or on another machine.
+"""Computation of scenarios, in a thread or on another machine.
 
 What runs can share is made once and kept: all runs that differ only in law, vehicle or path share
 one network; controllers, vehicles and paths are cached where they are made. Each run then costs the
@@ -218,12 +218,14 @@ class Computer:
         wheel: HandWheelSettings | None,
     ) -> Network:
         """Return what the network does to a run; cached for runs with the same network."""
-        key = (
+        key: tuple[Hashable, ...] = (
             *(plant.latency, plant.seed, plant.duration_ns, plant.sensor_period_ns),
             *(plant.start_on_first_command, plant.sensor_noise, plant.path_ahead),
             *(controller.period_ns, controller.supervision),
-            *(() if wheel is None else (*_heard_by(wheel), plant.force_period_ns)),
         )
+        if wheel is not None:
+            key += (wheel.cycle_ns, wheel.supervision, wheel.feedback.law, wheel.driver.kicks)
+            key += (plant.force_period_ns,)
         with self._lock:
             found = self._networks.get(key)
             if found is not None:
@@ -236,11 +238,6 @@ class Computer:
             while len(self._networks) > PLANS_KEPT:
                 self._networks.popitem(last=False)
         return made
-
-
-def _heard_by(wheel: HandWheelSettings) -> tuple[Hashable, ...]:
-    """Return what decides when something happens at a hand wheel."""
-    return wheel.cycle_ns, wheel.supervision, wheel.feedback.law, wheel.driver.kicks
 
 
 def _samples_before_motion(plant: PlantSettings, plan: RunSchedule) -> int:

@@ -1,4 +1,4 @@
-"""Runs a study: what is missing of a stored one, or a whole one for Python (``run_study``)."""
+"""Run of a study: what is missing of a stored one, or a whole one for Python (``run_study``)."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path

@@ -46,7 +46,6 @@ ShouldStop = Callable[[], bool]
 class Workers(NamedTuple):
     """What computes blocks of ids, in any order.
 
-    ``description``  in a few words
     ``compute``      yields completed blocks; none computed is lost on a stop
     """
 

@@ -65,8 +65,8 @@ def found_in(figures: Mapping[str, Any]) -> Found:
     if searched_s < declared_s:
         reason = f"above {1e3 * searched_s:g} ms, {_declares(declared_s)}"
         return Found(CheckVerdict.NOT_ANALYSED, math.inf, reason)
-    beside = " and all corners" if figures["corners"] else ""
-    reason = f"around the nominal plant{beside}, at every constant delay of the search"
+    corners = " and all corners" if figures["corners"] else ""
+    reason = f"around the nominal plant{corners}, at every constant delay of the search"
     return Found(CheckVerdict.STABLE, math.inf, reason)
 
 

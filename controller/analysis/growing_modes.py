@@ -1,4 +1,4 @@
-"""Counts the growing modes of the sampled loop, and finds the delays at which they begin to grow.
+"""Growing modes of the sampled loop: their number, and the delays at which they begin to grow.
 
 With plant (A, b, c) behind a hold delayed by τ = n T + ε and the law F(z), the loop's poles are the
 zeros of
@@ -179,8 +179,8 @@ class GrowingModes:
             return value, by_delay
 
         value, by_delay = transfer(theta)
-        beside, _ = transfer(theta + _THETA_STEP)
-        by_theta = np.asarray(np.log(beside / value) / _THETA_STEP, dtype=np.complex128)
+        further, _ = transfer(theta + _THETA_STEP)
+        by_theta = np.asarray(np.log(further / value) / _THETA_STEP, dtype=np.complex128)
         return np.asarray(np.log(value), dtype=np.complex128), by_theta, by_delay / value
 
 

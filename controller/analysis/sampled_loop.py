@@ -64,9 +64,7 @@ class StabilityMargins(NamedTuple):
 class SampledLoop:
     """A law around a plant.
 
-    ``design``     the law
     ``model``      the plant, from wheel angle [rad] to lateral error [m], strictly proper
-    ``period_ns``  of the control ticks [ns]
 
     Plant and period can be read back, the law as the matrices of its steps.
     """

@@ -1,4 +1,4 @@
-"""Checks that the sensors' counter advances at the rate that the setting of their period implies.
+"""Check that the sensors' counter advances at the rate that the setting of their period implies.
 
 Laws that look back convert sample numbers to times. Nothing else reveals a setting that differs
 from the plant's period, because every frame is valid. So the advance of the counter is compared

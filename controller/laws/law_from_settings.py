@@ -1,4 +1,4 @@
-"""From settings to a law that runs: the law's own design, and the additions around it."""
+"""Law from its settings: the law's own design, and the additions around it."""
 
 from collections.abc import Callable
 from functools import partial

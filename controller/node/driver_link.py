@@ -1,4 +1,4 @@
-"""What the controller hears of the driver (HAND_WHEEL_STATE) and answers (HAND_WHEEL_FEEDBACK).
+"""Link to the driver: what is heard (HAND_WHEEL_STATE) and answered (HAND_WHEEL_FEEDBACK).
 
 The feedback itself is computed at the wheel; the controller says who steers, and the ratio, and
 adds the torque by which the law assists.

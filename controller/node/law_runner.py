@@ -1,4 +1,4 @@
-"""Runs the law: keeps its parameters and state, and fades its commands in.
+"""Law as it runs: its parameters and state, and its commands, which are faded in.
 
 On recovery the law starts again, at rest at the present measurement. Its first command differs from
 the held one. The difference is added to its commands and fades out at the ramp rate, so that the
@@ -33,7 +33,6 @@ FAILURES_MAX = 1
 class LawRunner:
     """Holds the law, its state and the history of the bus.
 
-    ``design``    the law
     ``bus_history``  measurements, by which a law that looks back knows their rate; None for others
     ``read_history``  that one with commands and echoes, for a law that reads them; None for others
     ``output``    newest finite output

@@ -1,4 +1,4 @@
-"""When the controller may steer, and what it does when measurements stop.
+"""Modes of the controller: when it may steer, and what it does when measurements stop.
 
     mode        the command sent at each tick
     WAITING     none: there was no valid measurement yet
@@ -169,7 +169,6 @@ class Supervisor:
 
     ``start_ns``  when WAITING begins [ns]
 
-    ``mode``      the present mode
     ``goes_forward``  whether the vehicle does, as far as is known
     ``is_silent``     whether the controller may not steer, because there is a second sender
     ``has_own_fault`` whether it has detected a fault in itself, which is permanent

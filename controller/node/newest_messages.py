@@ -70,7 +70,6 @@ class Received:
     ``errors``, ``statuses``, ``states``  counter and arrival of the newest frame of each message
     ``error``, ``status``, ``vehicle``    the newest values; 0, NO_COMMAND and NO_VEHICLE before the
                                           first
-    ``unauthenticated``                   frames refused by authentication
     """
 
     def __init__(self, settings: ControllerSettings) -> None:

@@ -64,7 +64,6 @@ class ControllerNode:
     ``ends_with_plant``  whether it finishes once the plant has been silent for PLANT_ENDED_NS and
                      the command is back at zero; otherwise it waits for ever
 
-    ``deadline_ns``  when the next tick is due [ns]
     ``finished``     whether it has detected a fault in itself and no longer steers, or has ended
                      with the plant
     """
@@ -185,7 +184,7 @@ class ControllerNode:
             wanted_rad = self._wanted_rad(now_ns, period)
             mode = self._supervisor.mode
             if self._driver is not None:
-                wanted_rad = self._beside_driver(self._driver, wanted_rad, now_ns)
+                wanted_rad = self._with_driver(self._driver, wanted_rad, now_ns)
             sent_rad = limit_step(self._limits, before_rad, wanted_rad)
             self._sent_steer_rad = sent_rad
             if mode is _ACTIVE:
@@ -365,7 +364,7 @@ class ControllerNode:
             return ramp_step(self._law.ramp_step_rad, self._sent_steer_rad)
         return self._sent_steer_rad
 
-    def _beside_driver(self, driver: DriverLink, law_rad: float, now_ns: int) -> float:
+    def _with_driver(self, driver: DriverLink, law_rad: float, now_ns: int) -> float:
         """Decide who steers; returns the command: that of the law, or where the hand wheel steers.
 
         So the law takes over from the driver as it recovers from a hold: without a jump.

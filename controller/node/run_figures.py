@@ -26,7 +26,7 @@ class ControlVerdict(StrEnum):
     IN_CONTROL = "in control"  # the run ends with the law steering
 
 
-EFFECT_NS = 1_000_000_000
+EFFECT_NS = NS_PER_S
 """Without a new echo for longer, commands have no effect: however long the latency, the echo of an
 older one comes with every measurement. A slow controller has EFFECT_PERIODS instead."""
 EFFECT_PERIODS = 20

@@ -15,9 +15,10 @@ from ...dbc.messages import (
     limits,
 )
 from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
 from ..law_interface import LawOutput, VehicleBelief
 
-STATUS_PERIOD_NS = 100_000_000
+STATUS_PERIOD_NS = NS_PER_S // 10
 """Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""
 MODEL_PERIODS = 10
 """MODEL_STATUS comes with every tenth of these."""

@@ -32,7 +32,7 @@ from ..history.echo_delay import LoopDelayParams
 from ..history.plan import value_at
 from ..law_interface import History, LoopDelay
 
-STARTS_ANEW_AFTER = 256
+DISCARDED_AFTER = 256
 """Samples without an echo and a measurement after which the estimate is discarded."""
 _SETTLES_S = 1.0
 """Time after which the filter knows yaw rate and side slip from any initial state."""
@@ -365,7 +365,7 @@ def estimate_to(
 def start_estimate(x: EstimatorState, loop_delay: LoopDelay, history: History) -> EstimatorState:
     """Return the state to continue from; a new one if there is none or it is too old."""
     known = min(loop_delay.error_sample, loop_delay.echo_sample)
-    if x.sample >= 0 and known - x.sample <= STARTS_ANEW_AFTER:
+    if x.sample >= 0 and known - x.sample <= DISCARDED_AFTER:
         return x
     index = known & history.sample_mask
     if known < 0 or not history.has_error[index]:

@@ -1,4 +1,4 @@
-"""Packs and unpacks the payload of one message, as the DBC defines it.
+"""Codec of one message: packs and unpacks its payload, as the DBC defines it.
 
 ``dbc.codec.packing`` generates the functions once, from ``dbc.contract.generated_layout``, because
 packing with cantools takes longer than a step of the control law.

@@ -1,4 +1,4 @@
-"""Generates and compiles, for each message, the two functions that pack and unpack its payload.
+"""Packing functions of each message, generated and compiled: one packs its payload, one unpacks it.
 
 Every frame on the bus passes through them, so they have no loop over signals and call nothing
 twice: one line per signal, and one condition for all ranges. For a message with one signal of each

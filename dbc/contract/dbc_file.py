@@ -1,4 +1,4 @@
-"""Reads the DBC with cantools, for the generator, tools and tests.
+"""The DBC as cantools reads it, for the generator, tools and tests.
 
 A node uses ``dbc.contract.generated_layout`` instead, because cantools imports python-can and a
 command line, and takes longer to import than all the rest of a node.

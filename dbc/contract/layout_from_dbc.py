@@ -1,4 +1,4 @@
-"""Writes ``generated_layout.json`` from the DBC; to be run after each change of the DBC.
+"""Generator of ``generated_layout.json`` from the DBC; to be run after each change of the DBC.
 
 python -m steer_by_wire.dbc.contract.layout_from_dbc
 """

@@ -38,7 +38,6 @@ from collections import deque
 from collections.abc import Callable, Collection
 
 from ...runtime.frame import BITRATE_SWITCH, FD, Frame
-from ...runtime.node import NS_PER_US
 from ..messages import CAN_IDS, frame_of, sent_by
 from .secured_frame import (
     CHALLENGE_LENGTH,
@@ -100,11 +99,6 @@ _NONE = bytes(CHALLENGE_LENGTH)
 
 ComputeMac = Callable[[bytes], bytes]
 """The CMAC of a text, with a key that only the function holds: ``dbc.secoc.key_file.read_key``."""
-
-
-def first_counter_at(wall_clock_ns: int) -> int:
-    """Return the counter for a start at this time, see rule 3: the wall clock in microseconds."""
-    return wall_clock_ns // NS_PER_US
 
 
 class _Peer:

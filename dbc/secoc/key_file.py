@@ -17,8 +17,9 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from ...runtime.command_line import installation
+from ...runtime.node import NS_PER_US
 from ...runtime.settings import SettingsError
-from .authentication import Authentication, ComputeMac, first_counter_at
+from .authentication import Authentication, ComputeMac
 from .secured_frame import CHALLENGE_LENGTH
 
 KEY_LENGTH = 16
@@ -33,11 +34,12 @@ def open_authentication(path: Path, peers: Collection[str]) -> Authentication:
     """Start one end, of these peers, with the key in ``path``; raises SettingsError.
 
     Its challenge comes from the operating system's random generator. On a bus it must not come from
-    a seed: whoever knew it could have recorded the answers before.
+    a seed: who knew it could have recorded the answers before.
     """
     compute_mac = read_key(path)
     challenge = os.urandom(CHALLENGE_LENGTH)
-    return Authentication(peers, compute_mac, challenge, first_counter_at(time.time_ns()))
+    first_counter = time.time_ns() // NS_PER_US  # see rule 3 of ``dbc.secoc.authentication``
+    return Authentication(peers, compute_mac, challenge, first_counter)
 
 
 def read_key(path: Path) -> ComputeMac:

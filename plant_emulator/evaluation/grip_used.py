@@ -1,4 +1,4 @@
-"""Whether a car had used up its grip before it left its lane: the one rule of every verdict.
+"""Grip that a car had used up before it left its lane: the one rule of every verdict.
 
 The grip of an axle is used up at a sample where its tyres give USED_UP of μ F_z or more
 (``vehicle.car.axle_use``). Samples count until a corner of the body is first beyond an edge of the

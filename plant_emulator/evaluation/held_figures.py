@@ -1,4 +1,4 @@
-"""How well the path has been held so far, taken up sample by sample.
+"""Figures of how well the path has been held so far, taken up sample by sample.
 
 Plain arithmetic: the plant and the reader of a log run the step as it is, studies run it compiled.
 """

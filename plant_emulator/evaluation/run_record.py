@@ -67,7 +67,6 @@ class RunningFigures:
     ``newest``  how many of the newest errors and wheel angles are kept
 
     ``rules``    when the judged point has settled
-    ``held``     how well the path has been held
     ``newest_m`` of the judged point's error
     ``outside``  where the body was farthest beyond an edge of its corridor; None without one
     ``beyond_lane_m``  how far a corner of the body was beyond an edge of its lane; NaN without one
@@ -110,8 +109,6 @@ class RunningFigures:
 class RunRecord:
     """Figures of a run and, while there is room, its samples.
 
-    ``period_s``     of the sensors
-    ``samples_max``  how many are kept in ``samples``
     ``corridor``, ``lane``  in which the body has to stay
     """
 

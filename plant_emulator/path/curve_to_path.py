@@ -1,4 +1,4 @@
-"""From a smooth curve (x(t), y(t)) to a path: true arc length, linearly interpolated curvature.
+"""Path from a smooth curve (x(t), y(t)): true arc length, linearly interpolated curvature.
 
 The break points have equal distances in arc length from each kink of the curvature to the next, and
 between two kinks their number is doubled until the interpolation is accurate enough. On a closed

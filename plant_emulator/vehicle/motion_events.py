@@ -1,4 +1,4 @@
-"""From event to event: actuator, path and disturbances around the exact propagation of (1).
+"""Motion from event to event: actuator, path, disturbances around the exact propagation of (1).
 
 Every change of the inputs is an event at a whole nanosecond: a command, the end of the wheel's
 ramp, a break point of the path, a step of a disturbance. `advance_motion` goes from event to event

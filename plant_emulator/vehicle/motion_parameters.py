@@ -1,4 +1,4 @@
-"""From the settings tables to the constants of a motion, transition tables included."""
+"""Constants of a motion, from the settings tables, transition tables included."""
 
 import math
 from collections.abc import Sequence

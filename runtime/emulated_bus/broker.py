@@ -106,10 +106,8 @@ _SEED_STEP = 1_000_003
 class Broker:
     """Serves the clients that connect to ``listener``.
 
-    ``bitrate_bit_s``       of every channel [bit/s]
     ``data_bitrate_bit_s``  of the data phase of CAN FD frames [bit/s]; None for classic CAN only
     ``print_line``          prints one line, or drops it: the broker does not wait for its reader
-    ``traffic``             rest bus on every channel
     ``disconnections``      how many clients have left, by cause
     ``held_back``           how often a client was not read on because its frames waited
     """

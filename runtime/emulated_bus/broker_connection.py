@@ -48,7 +48,6 @@ class ConnectionLostError(Exception):
 class Connection:
     """The connection to one client.
 
-    ``number``          the sender's number on its channel
     ``hello``           its request; None until it is complete
     ``record_bytes``    size of the records of both sides after the hello
     ``waiting``         how many of its submitted frames are not complete yet

@@ -1,4 +1,4 @@
-"""Checks by a node's own timer whether it keeps its rate; not to do so is a fault of the node.
+"""Overruns: a node's own timer shows whether it keeps its rate; not to do so is its fault.
 
 A tick overruns if at least one period passes before it is done; the timer skips such periods. The
 effect of a stall on measurements and on the peer shows in their ages. Two limits cover what no age
@@ -31,7 +31,6 @@ class OverrunSettings(Settings):
     """How many overruns and missed periods are allowed; 0 allows none, "off" any number.
 
     ``overruns_max``        among the last ``window_ticks``
-    ``window_ticks``        length of the window [ticks]
     ``missed_periods_max``  among the last ``window_periods``
     ``window_periods``      length of the window [periods], served or missed
     ``stall_periods_max``   largest count of one stall; above ``missed_periods_max``, one long stall

@@ -7,7 +7,6 @@ An overrun keeps phase: the periods that passed meanwhile are counted and never 
 class PeriodicTimer:
     """The deadlines of one periodic activity; ValueError for a period that is not positive.
 
-    ``deadline_ns``  when the next period is due [ns]
     ``index``        number of the period that is due next; the first is 0
     ``skipped``      periods that passed without being served
     """

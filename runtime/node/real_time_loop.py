@@ -1,4 +1,4 @@
-"""Runs one node in real time: waits for a frame or the node's deadline, whichever comes first.
+"""Run of one node in real time: waits for a frame or the node's deadline, whichever comes first.
 
 A wake-up, in this order:
 
@@ -55,7 +55,6 @@ class Port(Protocol):
 class RealTimeExecutor:
     """Runs ``node`` on ``port``.
 
-    ``clock_ns``  monotonic clock [ns]
     ``observe``   called with the time after each wake-up that leaves time to the next deadline
     """
 

@@ -1,4 +1,4 @@
-"""Runs nodes together in one process in virtual time: deterministic, and as fast as they compute.
+"""Run of nodes in one process in virtual time: deterministic, and as fast as they compute.
 
 Order at one instant:
 

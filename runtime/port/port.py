@@ -1,4 +1,4 @@
-"""Opens the bus for a node, with receive filters.
+"""Port of a node to its bus, with receive filters.
 
 A SocketCAN interface is opened by ``runtime.port.socketcan``, without python-can, unless the
 configuration needs something that only python-can's ``socketcan`` has.

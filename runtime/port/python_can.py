@@ -1,4 +1,4 @@
-"""Opens any python-can interface by python-can's own conventions, and is a node's port to it.
+"""Port to any python-can interface, opened by python-can's own conventions.
 
 Nodes open their bus with ``runtime.port.port``, which has a faster way for SocketCAN. Which
 interface it is decides ``interface_choice``.

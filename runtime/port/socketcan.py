@@ -48,9 +48,7 @@ _OFFSET_AGE_NS_MAX = NS_PER_S
 class SocketCanPort:
     """One CAN network interface.
 
-    ``channel``  its name
     ``filters``  in python-can's form; None: receives everything
-    ``fd``       whether CAN FD frames are received
 
     ``dropped``  frames for which the socket had no room, as of the last frame received
 

@@ -1,4 +1,4 @@
-"""Requests real-time properties of the host for a program, and reports what it grants.
+"""Real-time properties that a program requests of its host, and what the host grants.
 
 No refusal is an error: it may make the program late at times, which the report shows.
 """

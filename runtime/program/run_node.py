@@ -55,7 +55,6 @@ class _Run(NamedTuple):
     """Result of a run, without the node's own report.
 
     ``failure``  of the bus or of a part from another package; empty if there is none
-    ``status``   exit status of the failure
     """
 
     ended_by: str

@@ -1,4 +1,4 @@
-"""Records the frames of a program in a log format of python-can, off the control path.
+"""Recording of the frames of a program in a log format of python-can, off the control path.
 
     control path ── one non-blocking write ──► pipe (bounded) ──► recorder process ──► file
 
@@ -69,7 +69,6 @@ class Recording:
     """The recording of one run; ``close`` it at the end.
 
     ``path``     file to write, replaced if it is there
-    ``channel``  name of the bus in the recording
     ``on_end``   called with the cause, once, when the recorder ends before ``close``
 
     ``recorder``  the process that writes

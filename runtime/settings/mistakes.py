@@ -1,4 +1,4 @@
-"""Explains a mistake in a setting in one line: source, dotted key, value, what is allowed.
+"""One line about a mistake in a setting: source, dotted key, value, what is allowed.
 
     plant.toml: vehicle.speed_m_s = -3 should be greater than 0 (allowed: number above 0, up to 60)
     command line: vehicle.sped_m_s is not a known key (did you mean vehicle.speed_m_s?)
@@ -58,7 +58,6 @@ def explain(
 ) -> list[str]:
     """Return one line for each mistake, up to a screenful; unknown keys with one hint share theirs.
 
-    ``schema``   JSON schema of the model
     ``data``     what was validated
     ``sources``  source of each key of ``data``; other keys have that of the nearest table above
     """

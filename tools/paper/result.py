@@ -36,7 +36,6 @@ class Comparison(NamedTuple):
     """One figure of the paper and ours, as text with units.
 
     ``published``   what the paper prints, or states in words; "" where it states nothing
-    ``reproduced``  what was computed
     ``agrees``      None where there is nothing to agree with
     ``decides``     CLAIM or NUMBER where the verdict follows from it; "" where it does not
     ``reading``     of an ambiguous text, in which it decides

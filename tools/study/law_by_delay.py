@@ -40,7 +40,6 @@ class LawByDelay(NamedTuple):
     """Worst figures of shape (conditions, controllers, delays); NaN where nothing was run.
 
     ``settled_m``  RMS from ``settled_s`` of the verdict on
-    ``peak_m``     largest deviation
     ``holds``      whether every run holds
     """
 

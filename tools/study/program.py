@@ -1,4 +1,4 @@
-"""Computes a study, shows how far it is, and repeats one of its runs."""
+"""Run of a study: shows how far it is, and repeats one of its runs."""
 
 import argparse
 import importlib

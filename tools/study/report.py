@@ -1,4 +1,4 @@
-"""Writes the report of a study: pictures as PNG, and one page with all of them."""
+"""Report of a study: pictures as PNG, and one page with all of them."""
 
 import json
 from collections.abc import Mapping, Sequence

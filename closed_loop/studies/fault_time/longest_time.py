@@ -96,9 +96,10 @@ def plant_of(settings: FaultTimeSettings, case: Case, time_s: float | None) -> P
     stops = case.fallback is FallbackName.FOLLOW_AND_STOP
     stop_s = (vehicle.speed_m_s - _SLOWEST_M_S) / settings.stop_m_s2 if stops else math.inf
     duration_s = settings.onset_s + (time_s or 0.0) + min(settings.watch_s, stop_s)
+    longest_s = settings.onset_s + settings.time_s_max + settings.watch_s
     bend = Bend(
         start_m=vehicle.speed_m_s * settings.onset_s,
-        end_m=vehicle.speed_m_s * (ENTRY_S + settings.longest_s),
+        end_m=vehicle.speed_m_s * (ENTRY_S + longest_s),
         clothoid_m=vehicle.speed_m_s * ENTRY_S,
         curvature_1_m=case.curvature_1_m,
     )

@@ -35,7 +35,6 @@ class FallbackName(StrEnum):
 
 
 Speed = Annotated[float, Field(ge=10.0, le=200.0)]
-Bend = Annotated[float, Field(ge=0.0, le=8.0)]
 
 
 class SceneSettings(Settings):
@@ -59,7 +58,7 @@ class FaultTimeSettings(Settings):
     faults: tuple[FaultName, ...] = Field(tuple(FaultName), min_length=1)
     fallbacks: tuple[FallbackName, ...] = Field(tuple(FallbackName), min_length=1)
     speeds_km_h: tuple[Speed, ...] = (30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
-    bends_m_s2: tuple[Bend, ...] = (0.0, 2.0)
+    bends_m_s2: tuple[Annotated[float, Field(ge=0.0, le=8.0)], ...] = (0.0, 2.0)
     """Lateral acceleration of each bend; 0 is a straight road."""
     scenes: tuple[SceneSettings, ...] = ()
     bank_m_s2: float = Field(0.2, ge=-3.0, le=3.0)
@@ -75,12 +74,7 @@ class FaultTimeSettings(Settings):
     resolution_s: float = Field(0.01, ge=0.001, le=1.0)
     """Of the time, between two of these."""
     watch_s: float = Field(6.0, ge=1.0, le=60.0)
-    """From the beginning of the fallback on, until somebody takes over."""
-
-    @property
-    def longest_s(self) -> float:
-        """Duration of the longest run."""
-        return self.onset_s + self.time_s_max + self.watch_s
+    """From the beginning of the fallback on, until a driver takes over."""
 
 
 class Case(NamedTuple):

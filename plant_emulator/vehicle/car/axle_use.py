@@ -1,4 +1,4 @@
-"""What the axles of a car bear and give: their load, and how much of their friction is used.
+"""Axles of a car in use: their load, and how much of their friction is used.
 
     use = √(F_x² + F_y²)/(μ F_z)        1: the tyres of this axle can give no more
 

@@ -1,4 +1,4 @@
-"""From the settings tables to the constants of a car's motion."""
+"""Constants of a car's motion, from the settings tables."""
 
 import math
 from collections.abc import Sequence
@@ -79,7 +79,12 @@ def car_motion_params(
     built_in = car_params(vehicle, car)
     return CarMotionParams(
         car=built_in if car.model is None else own_car_params(car.model, built_in, car.own),
-        steering=_first_order_params(actuator)
+        steering=FirstOrderParams(
+            actuator.lag_s,
+            _or_infinite(actuator.angle_limit_rad),
+            _or_infinite(actuator.rate_limit_rad_s),
+            actuator.dead_band_rad,
+        )
         if car.rack is None
         else rack_params(car.rack, actuator, vehicle),
         speed=SpeedParams(
@@ -122,15 +127,6 @@ def under_load(interval: CarInterval, load: Load, side_force_arm_m: float) -> Ca
         yaw_moment_n_m=load.yaw_moment_n_m + load.side_force_n * side_force_arm_m,
         steering_offset_rad=load.steering_offset_rad,
         friction=load.friction,
-    )
-
-
-def _first_order_params(actuator: ActuatorSettings) -> FirstOrderParams:
-    return FirstOrderParams(
-        actuator.lag_s,
-        _or_infinite(actuator.angle_limit_rad),
-        _or_infinite(actuator.rate_limit_rad_s),
-        actuator.dead_band_rad,
     )
 
 

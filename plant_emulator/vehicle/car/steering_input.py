@@ -1,4 +1,4 @@
-"""What acts on the steering of a car during a step, and what its failures leave of it."""
+"""Loads on the steering of a car during a step, and what its failures leave of them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -51,10 +51,13 @@ def test_the_boundaries_of_a_double_integrator_are_those_computed_by_hand() -> N
 def test_on_each_boundary_a_root_is_where_the_boundary_says(
     plant: TransferFunction, spec: DStability
 ) -> None:
-    for curve in boundary_curves(plant, spec, (-0.6, 2.4)):
+    curves = boundary_curves(plant, spec, (-0.6, 2.4))
+    assert curves
+    for curve in curves:
         near = np.all(np.abs(curve.gains) < 10.0, axis=1)
         roots = closed_loop_roots(plant, curve.gains[near])
         away = np.abs(roots - curve.s_rad_s[near][:, None]).min(axis=1)
+        assert near.any()
         assert np.all(away < 1e-5 * np.maximum(1.0, np.abs(curve.s_rad_s[near])))
 
 

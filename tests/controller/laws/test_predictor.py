@@ -17,7 +17,7 @@ from steer_by_wire.controller.prediction.gains_over_speed import (
 )
 from steer_by_wire.controller.prediction.prediction import predict, steer_for
 from steer_by_wire.controller.prediction.vehicle_kalman_filter import (
-    STARTS_ANEW_AFTER,
+    DISCARDED_AFTER,
     Correction,
     EstimatorState,
     VehicleGains,
@@ -180,7 +180,7 @@ def test_an_estimate_begins_at_the_newest_sample_with_echo_and_measurement() -> 
 
 def test_an_estimate_goes_on_through_a_gap_and_begins_anew_after_a_long_one() -> None:
     x = EstimatorState(20, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
-    near, far = 20 + STARTS_ANEW_AFTER, 21 + STARTS_ANEW_AFTER
+    near, far = 20 + DISCARDED_AFTER, 21 + DISCARDED_AFTER
     assert start_estimate(x, LoopDelay(400, near, near, 0.0, True), history()) == x
     anew = start_estimate(x, LoopDelay(400, far, far, 0.0, True), history())
     assert anew == EstimatorState(far, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
