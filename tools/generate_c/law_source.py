@@ -112,10 +112,7 @@ struct law_output law_step(struct law *law, double lateral_error_m, double sent_
 
 
 def title_of(settings: ControllerSettings, origin: str) -> str:
-    """Return the first line of a generated file.
-
-    ``origin``  where the settings come from
-    """
+    """Return the first line of a file that is generated from settings of this origin."""
     return f"Law {settings.law} at {settings.rate_hz:g} Hz, generated from {origin}: do not edit."
 
 

@@ -5,7 +5,6 @@ A record has the fields of its message in Python. Bits, ranges and resolutions a
 
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 from steer_by_wire.controller.node.newest_messages import RECEIVED, SENT
 from steer_by_wire.dbc.codec.layout import MessageLayout, SignalLayout
@@ -90,15 +89,8 @@ struct reading reading_of(const struct frame *frame)
 """
 
 
-class MessagesInC(NamedTuple):
-    """Text of the header and of the source."""
-
-    header: str
-    source: str
-
-
-def messages_in_c(records: Records) -> MessagesInC:
-    """Return the texts; adds the records of the messages to ``records``."""
+def messages_in_c(records: Records) -> tuple[str, str]:
+    """Return the texts of header and source; adds the messages' records to ``records``."""
     kinds: dict[type[Message], Kind] = {it: records.kind_of(it) for it in (*_READ, *_WRITTEN)}
     frames = [*(_frame_function(_LAYOUTS[it], _fields(kinds[it])) for it in _WRITTEN)]
     reads = [_read_function(it, kinds) for it in RECEIVED]
@@ -117,7 +109,7 @@ def messages_in_c(records: Records) -> MessagesInC:
         functions="\n".join((*frames, *reads)),
         cases="\n".join(_cases()),
     )
-    return MessagesInC(header, source)
+    return header, source
 
 
 def _name(kind: type[Message]) -> str:

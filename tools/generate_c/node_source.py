@@ -8,7 +8,7 @@ machines. Those are copied, so that the folder needs nothing else.
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Any
 
 from steer_by_wire.controller.age_limits import freshness
 from steer_by_wire.controller.filters.nominal_model import NominalVehicle
@@ -99,13 +99,6 @@ _ANY_VEHICLE = NominalVehicle(*(1.0,) * len(NominalVehicle._fields))
 """Of settings that state no vehicle, whose fit is not judged."""
 
 
-class Parameter(NamedTuple):
-    """A constant of the generated file, with its value in Python."""
-
-    name: str
-    value: Any
-
-
 def node_source(settings: ControllerSettings, title: str) -> dict[str, str]:
     """Return the texts of all files but the law's, by their names.
 
@@ -121,8 +114,8 @@ def node_source(settings: ControllerSettings, title: str) -> dict[str, str]:
     definitions = "\n".join(
         function.definition("" if rule in _RULES else "static ") for rule, function in functions
     )
-    parameters = [_definition(it, records) for it in _parameters(settings)]
-    messages = messages_in_c(records)
+    parameters = [_definition(*it, records) for it in _parameters(settings)]
+    message_declarations, message_definitions = messages_in_c(records)
     header = _HEADER.format(
         title=title,
         defines="\n".join(f"#define {name} {value}" for name, value in _defines(settings)),
@@ -130,14 +123,14 @@ def node_source(settings: ControllerSettings, title: str) -> dict[str, str]:
         structs="\n".join(map(struct, records.made)),
         parameters="\n".join(f"extern const {it};" for it, _ in parameters),
         prototypes="\n".join(f"{it.prototype()};" for rule, it in functions if rule in _RULES),
-        messages=messages.header,
+        messages=message_declarations,
     )
     source = _SOURCE.format(
         title=title,
         parameters="\n".join(f"const {it} = {value};\n" for it, value in parameters),
-        helpers=called_by(definitions + messages.source),
+        helpers=called_by(definitions + message_definitions),
         definitions=definitions,
-        messages=messages.source,
+        messages=message_definitions,
     )
     by_hand = {
         file.name: file.read_text(encoding="utf-8")
@@ -173,22 +166,23 @@ def _defines(settings: ControllerSettings) -> Iterator[tuple[str, str]]:
     yield "HAS_MODEL_FIT", str(int(fit_params(settings) is not None))
 
 
-def _parameters(settings: ControllerSettings) -> Iterator[Parameter]:
-    yield Parameter("SUPERVISION", modes.supervision_of(settings))
-    yield Parameter("OVERRUN_RULE", overrun_rule(settings.overruns))
-    yield Parameter("DESIGNED_RANGES", settings.designed_ranges)
-    yield Parameter("ECHO_RULE", echo_rule(settings))
-    yield Parameter("FIT_PARAMS", fit_params(settings) or FitParams(1.0, 0.0, 1.0, _ANY_VEHICLE))
-    yield Parameter("AGE_LIMITS_NS", [*settings.age_limits])
+def _parameters(settings: ControllerSettings) -> Iterator[tuple[str, Any]]:
+    """Yield the constants of the generated file, with their values in Python."""
+    yield "SUPERVISION", modes.supervision_of(settings)
+    yield "OVERRUN_RULE", overrun_rule(settings.overruns)
+    yield "DESIGNED_RANGES", settings.designed_ranges
+    yield "ECHO_RULE", echo_rule(settings)
+    yield "FIT_PARAMS", fit_params(settings) or FitParams(1.0, 0.0, 1.0, _ANY_VEHICLE)
+    yield "AGE_LIMITS_NS", [*settings.age_limits]
     rules = [settings.counters._replace(period_ns=cycle_ns(kind)) for kind in RECEIVED]
-    yield Parameter("COUNTER_RULES", rules)
+    yield "COUNTER_RULES", rules
 
 
-def _definition(it: Parameter, records: Records) -> tuple[str, str]:
+def _definition(name: str, value: Any, records: Records) -> tuple[str, str]:
     """Return the declaration of a parameter, and its value; a list is an array."""
-    values = it.value if isinstance(it.value, list) else [it.value]
+    values = value if isinstance(value, list) else [value]
     kind = records.kind_of(type(values[0]))
-    texts = [initializer(kind, value) for value in values]
-    if values is not it.value:
-        return f"{declared(kind)} {it.name}", texts[0]
-    return f"{declared(kind)} {it.name}[{len(values)}]", f"{{{', '.join(texts)}}}"
+    texts = [initializer(kind, each) for each in values]
+    if values is not value:
+        return f"{declared(kind)} {name}", texts[0]
+    return f"{declared(kind)} {name}[{len(values)}]", f"{{{', '.join(texts)}}}"
