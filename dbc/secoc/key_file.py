@@ -34,7 +34,7 @@ def open_authentication(path: Path, peers: Collection[str]) -> Authentication:
     """Start one end, of these peers, with the key in ``path``; raises SettingsError.
 
     Its challenge comes from the operating system's random generator. On a bus it must not come from
-    a seed: who knew it could have recorded the answers before.
+    a seed: an attacker who knew it could have recorded the answers before.
     """
     compute_mac = read_key(path)
     challenge = os.urandom(CHALLENGE_LENGTH)
