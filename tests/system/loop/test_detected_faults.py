@@ -157,11 +157,11 @@ class Counting(Wrapper[ReportingNode]):
 
 
 class FaultyRun(NamedTuple):
-    """Both nodes after a run; ``edge`` is the plant behind its faults."""
+    """Both nodes after a run, the receiver counting; ``edge`` is the plant behind its faults."""
 
-    plant: Counting
+    plant: ReportingNode
     edge: ReportingNode
-    controller: Counting
+    controller: ReportingNode
     frames: Sequence[Frame]
 
 
@@ -172,16 +172,20 @@ def run_with(
     if isinstance(controller, str):
         controller = ControllerNode(controller_preset(controller), 0)
     settings = plant_preset("paper_nominal", (f"duration_s={MOTION_S}", *plant))
-    watched = Counting(PlantNode(settings, 0)), Counting(controller)
-    edge = with_faults(watched[0], faults, settings.seed)
+    node: ReportingNode = PlantNode(settings, 0)
+    if any(fault.direction == "downlink" for fault in faults):
+        node = Counting(node)
+    else:
+        controller = Counting(controller)
+    edge = with_faults(node, faults, settings.seed)
     frames: list[Frame] = []
     executor = VirtualTimeExecutor(
-        (edge, watched[1]),
+        (edge, controller),
         virtual_bus(QUIET_BUS, settings.seed),
         lambda _time_ns, _sender, frame: frames.append(frame),
     )
     executor.run(round((MOTION_S + 0.2) * NS_PER_S))
-    return FaultyRun(watched[0], edge, watched[1], frames)
+    return FaultyRun(node, edge, controller, frames)
 
 
 FTTI_S = 0.15
@@ -218,6 +222,7 @@ def assert_detected(case: Case, run: FaultyRun, latency_s: float = 0.0) -> None:
     """Demand a count within the FTTI of the first frame that the fault changed."""
     is_down = case.settings.direction == "downlink"
     receiver = run.plant if is_down else run.controller
+    assert isinstance(receiver, Counting)
     effect_s = run.edge.report()["faults"][0]["first_s"]
     since_s = {name: 1e-9 * at_ns - effect_s for name, at_ns in receiver.first_ns.items()}
     # What the actuator has is affected one latency after the frame on the bus.
