@@ -140,10 +140,7 @@ class Reception:
         return check
 
     def receive(self, frame: Frame, now_ns: int = 0) -> Message | Cause | None:
-        """Return a frame's message, the cause of its refusal, or None if it is not received here.
-
-        ``now_ns``  when it arrived
-        """
+        """Return a frame's message, the cause of its refusal, or None if it is not received."""
         can_id, data, flags = frame
         received = self._received.get(can_id)
         if received is None:

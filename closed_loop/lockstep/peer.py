@@ -31,8 +31,6 @@ END_TIMEOUT_S = 3.0
 class LockstepProgram:
     """A running program; use it as a context manager, which leaves none of its processes behind.
 
-    ``command``  the program and its arguments
-
     ``name``, ``pid``  of the program; its process group has the same number
 
     Raises ProcessError when the program cannot be started.

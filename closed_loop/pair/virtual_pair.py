@@ -89,7 +89,6 @@ def make_virtual_pair(
     """Make both nodes of the settings, not yet run.
 
     ``plant_samples_max``, ``controller_samples_max``  how many samples each keeps
-    ``language``  of the bus
     """
     node = ControllerNode(controller, 0, controller_samples_max)
     return pair_with(plant, node, plant_samples_max, language, hand_wheel)

@@ -116,7 +116,6 @@ class Authentication:
     """One end of an authenticated connection: secures its own frames, and verifies its peers'.
 
     ``peers``          nodes of the DBC whose frames are accepted, of STATUS_SENT_BY
-    ``compute_mac``    CMAC with the key
     ``challenge``      CHALLENGE_LENGTH random bytes, different at each start of the program: the
                        only protection against frames of earlier runs. Zeros stand for "none"
     ``first_counter``  counter of the first frame; at each start higher than all before

@@ -120,7 +120,6 @@ class PlantNode:
     ``samples_max``  largest number of samples stored in ``samples``
 
     ``motion_start_ns``  start of the motion [ns]; NEVER_NS before
-    ``deadline_ns``      when the next event is due [ns]
     ``finished``         whether the motion has reached its duration, or a fault has ended it
     """
 

@@ -33,7 +33,6 @@ class PlantStatusReports:
     ``start_ns``     when the first cycle begins [ns]
 
     ``clamped``      latencies sent as the end of their signal's range
-    ``deadline_ns``  when PLANT_STATUS is due next [ns]
     ``settled``      the state for which ``on_state`` need not be called; None: for every state
     """
 

@@ -52,9 +52,7 @@ def status_of(x: GuardState, actuator_is_limited: bool) -> int:
 class SteeringUnit:
     """Holds the guard's state; all times are of motion [ns].
 
-    ``target_rad``   target of the wheel
-    ``limit``        the name of the limit that decides about it now; empty for none
-    ``deadline_ns``  when `on_timer` is due [ns]
+    ``limit``        the name of the limit that decides about the target now; empty for none
     ``interventions``  targets that a limit has changed, by the limit that decided
     ``safety``       what PLANT_STATUS would say now: LIMITING after any intervention since the last
     """

@@ -53,7 +53,6 @@ class Motion:
     ``time_ns``    time since the start of motion
     ``linear``     everything that moves in closed form
     ``is_finite``  whether the vehicle's state has been finite so far
-    ``path``       the path
     ``preview_distance_m``  how far the preview point is ahead of the centre of gravity
     """
 

@@ -53,7 +53,6 @@ class Run(NamedTuple):
     """One run: its nodes, what carried their frames, what ended it.
 
     ``edges``      the nodes as they are on the bus: in a dialect, behind faults or authentication
-    ``elapsed_s``  how long it took [s]
     ``shared``     the bus, where there was other traffic or noise on it
     ``hand_wheel``  None without one
     """
