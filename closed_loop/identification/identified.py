@@ -40,7 +40,7 @@ _NEUTRAL_PERCENT = 10.0
 """Of understeer, the small difference of two slips: below, it is not known in % of itself."""
 _RATIO_MIN, _RATIO_USUAL, _RATIO_MAX = 3.0, 16.0, 40.0
 """Of steering ratios, karts and lorries included; chosen."""
-_TIMES_MAX, _ALIKE = 15.0, 0.3
+_TIMES_MAX, _SIDE_TIMES_MAX, _ALIKE = 15.0, 5.0, 0.3
 """By which turning and wheel may differ, as degrees are 57 times radians; and their correlation
 where the wheel makes the car turn, and no wind; chosen."""
 
@@ -220,6 +220,17 @@ def _refuse_wrong_unit_or_sign(drive: Drive, problem: Problem) -> None:
             f" with steering ratio {ratio:.3g} and wheelbase {wheelbase_m:.3g} m: is it in {unit}"
             " (57 times)? Name its unit in --columns, or tell ratio and wheelbase by --known"
         )
+    for side in drive.outputs:
+        if side.quantity is Quantity.LATERAL_ACCELERATION:
+            turning = speed * rate - np.mean(speed * rate)
+            pushed = np.interp(drive.outputs[0].time_s, side.time_s, side.values)
+            times = float(turning @ pushed) / float(turning @ turning)
+            alike = float(np.corrcoef(turning, pushed)[0, 1])
+            if alike > _ALIKE and not 1.0 / _SIDE_TIMES_MAX < times < _SIDE_TIMES_MAX:
+                raise SettingsError(
+                    f"{side.name} is some {times:.2g} times speed times yaw rate: is its unit"
+                    " right? (unit in --columns: m_s2 or g)"
+                )
 
 
 def _refuse_late_side(found: Fit) -> None:

@@ -229,6 +229,9 @@ def make_drive(channels: Iterable[Channel], source: str) -> Drive:
             notes.append(
                 f"{channel.name}: a sample in {1e3 * held_s:.0f} ms; rows that repeat it left out"
             )
+        if channel.quantity is Quantity.LATERAL_ACCELERATION and not np.ptp(channel.values):
+            notes.append(f"{channel.name}: never changes; left out")
+            continue
         kept, spikes = without_spikes(kept)
         if spikes:
             notes.append(f"{channel.name}: {spikes} spikes left out")

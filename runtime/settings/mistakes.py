@@ -9,6 +9,7 @@ pydantic names only the one that was violated.
 
 import difflib
 import json
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
@@ -196,7 +197,8 @@ def _explain_one(
             # pydantic reports each member of a union, which what is allowed names.
             return f"{where} = {_shown(value)} cannot be used{may_be}"
         case _:
-            return f"{where} = {_shown(value)} {mistake['msg'].removeprefix('Input ')}{may_be}"
+            what = re.sub(r"^\w+ (?=should)| after validation", "", mistake["msg"])
+            return f"{where} = {_shown(value)} {what}{may_be}"
 
 
 def _path_in(data: Mapping[str, Any], location: KeyPath, kind: str) -> KeyPath:

@@ -213,9 +213,13 @@ def test_a_car_steered_at_the_rear_is_refused_in_words() -> None:
         identify(make_drive(channels, "rear"), drawn().known)
 
 
-def test_a_yaw_rate_of_wrong_sign_or_unit_is_refused_in_words() -> None:
+def test_motion_of_wrong_sign_or_unit_is_refused_in_words() -> None:
     wheel, speed, rate, side = drawn().channels
     for factor, what in ((-1.0, "against the wheel"), (57.3, "wrong unit"), (0.0175, "in deg ")):
         wrong = rate._replace(values=factor * rate.values)
         with pytest.raises(SettingsError, match=what):
             identify(make_drive([wheel, speed, wrong, side], "drawn"), drawn().known)
+    in_g, still = (side._replace(values=factor * side.values) for factor in (0.102, 0.0))
+    with pytest.raises(SettingsError, match=r"is some 0\.\d+ times speed times yaw rate"):
+        identify(make_drive([wheel, speed, rate, in_g], "drawn"), drawn().known)
+    assert make_drive([wheel, speed, rate, still], "drawn").notes[-1].endswith("left out")

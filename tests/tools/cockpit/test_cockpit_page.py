@@ -216,7 +216,7 @@ def test_a_live_loop_is_watched_driven_and_recorded(
 
     browser.read(press("Kill controller of practical pd ddob"))
     browser.wait_for(f"{light('Steering')} === 'FALLBACK'")
-    browser.wait_for(f"{light('Controller')} === 'SILENT'")
+    browser.wait_for("/Controller: SILENT/.test(document.getElementById('said').textContent)")
     browser.read(press("Restart controller of practical pd ddob"))
     browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
     browser.wait_for(f"['APPLYING', 'LIMITED BY SAFETY'].includes({light('Steering')})")

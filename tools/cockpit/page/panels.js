@@ -65,7 +65,7 @@ export class Lights {
     });
     while (this.items.length < lights.length) this.items.push(this.addItem());
     lights.forEach((light, index) => this.show(this.items[index], light));
-    const grave = lights.filter((light) => light.level === "bad" || light.level === "notice");
+    const grave = lights.filter((light) => light.level !== "good");
     this.say(grave.map((light) => `${light.name}: ${words(light.state)}, ${light.cause}`).join("; ") || "all good");
   }
 
