@@ -272,6 +272,11 @@ class Run(NamedTuple):
         return rms_of(self.plant.lateral_error_m)
 
     @property
+    def lateral_error_rms_m(self) -> float:
+        """``preview_rms_m``, by the name of the signal on the bus; scripts of users read it."""
+        return self.preview_rms_m
+
+    @property
     def preview_peak_m(self) -> float:
         """Largest magnitude of the preview point's lateral error; 0 without samples."""
         return float(np.max(np.abs(self.plant.lateral_error_m), initial=0.0))

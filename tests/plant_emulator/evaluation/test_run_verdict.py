@@ -371,6 +371,6 @@ def test_a_run_is_judged_by_the_car_whatever_its_law_follows() -> None:
     follows = {"controller.followed_point": "preview"}
     run = simulate(controller="practical_pid", duration_s=30.0, overrides=circle | follows)
     node = run.plant_report
-    assert run.preview_rms_m < 0.1 < node["settled_rms_m"]
+    assert run.lateral_error_rms_m < 0.1 < node["settled_rms_m"]
     assert node["judged_peak_m"] == node["peak_m"] > 0.5
     assert node["verdict"] == "off path"
