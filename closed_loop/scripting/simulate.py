@@ -12,6 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
+import numpy as np
+
 from ...controller.law_interface import Law
 from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
@@ -173,7 +175,7 @@ def by_side(
     """
     named = {SHORT[key]: value for key, value in own.items() if value is not None}
     listed = own.get("latencies")
-    if listed is not None and not len(listed):
+    if listed is not None and not np.size(listed):
         raise SettingsError("latencies: holds none (allowed: one latency in seconds or more)")
     varied = GAMMA if own.get("jitter_s") else {}
     values: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}}

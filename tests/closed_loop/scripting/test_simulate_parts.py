@@ -94,3 +94,5 @@ def test_latencies_given_one_by_one_exclude_a_schedule() -> None:
         simulate(latencies=[0.1], overrides=schedule)
     with pytest.raises(SettingsError, match=r"latencies_s\[0\] = -0\.1 should be greater"):
         simulate(latencies=[-0.1])
+    with pytest.raises(SettingsError, match=r"latencies_s = 0\.1 should be a valid array"):
+        simulate(latencies=0.1)  # type: ignore[arg-type]
