@@ -80,6 +80,8 @@ def read_columns(file: Path, mapping: Path | None = None) -> list[Channel]:
             f"{file}: has no column time_s; it has {', '.join(names[:12])}:"
             f" steer-by-wire identify new {file} proposes a mapping"
         )
+    if twice := next((name for name in wanted if names.count(name) > 1), None):
+        raise SettingsError(f"{file}: has two columns {twice}: give each a name of its own")
     layout, rows = read_number_table(file, (tuple(wanted),))
     if not rows:
         raise SettingsError(f"{file}: has no row below its heading")

@@ -122,6 +122,7 @@ def test_columns_are_read_in_the_units_of_their_names(tmp_path) -> None:
         (proposed_mapping, "", "is empty"),
         (read_columns, "time_s,yaw_rate_rad_s\n", "has no row below its heading"),
         (read_columns, "time_s,speed_m_s\n5,1\n5,2\n", "do not rise"),
+        (read_columns, "time_s,speed_m_s,speed_m_s\n5,1,2\n6,2,3\n", "two columns speed_m_s"),
     ],
 )
 def test_a_table_that_tells_nothing_is_refused(tmp_path, read, text, what) -> None:
