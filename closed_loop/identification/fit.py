@@ -90,7 +90,7 @@ class Refit(NamedTuple):
     """The end of a search.
 
     ``x``       coordinates of what was sought
-    ``slopes``  of them, and the coordinates where these were taken
+    ``slopes``  coordinates where the slopes of the errors were taken, and these slopes
     """
 
     x: FloatArray

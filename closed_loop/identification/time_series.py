@@ -229,7 +229,10 @@ def make_drive(channels: Iterable[Channel], source: str) -> Drive:
             notes.append(
                 f"{channel.name}: a sample in {1e3 * held_s:.0f} ms; rows that repeat it left out"
             )
-        if channel.quantity is Quantity.LATERAL_ACCELERATION and not np.ptp(channel.values):
+        if (
+            channel.quantity is Quantity.LATERAL_ACCELERATION
+            and len(np.unique(channel.values)) == 1
+        ):
             notes.append(f"{channel.name}: never changes; left out")
             continue
         kept, spikes = without_spikes(kept)

@@ -238,7 +238,8 @@ class Outcome(NamedTuple):
             if limit_m is not None and self._was_driven and not value_m <= limit_m:
                 what = f"{value_m:.4g} m is above {limit_m:g} m"
                 if math.isnan(value_m):
-                    what = f"has none before {self.settings.verdict.settled_s:g} s"
+                    settled_s = self.settings.verdict.settled_s
+                    what = f"is unknown: the car counts as settled from {settled_s:g} s on"
                 failures.append(f"{name} {what}")
         if self.cut_off and (rate or flood):
             failures.append(f"the recording was cut off: {self.cut_off}")

@@ -55,6 +55,8 @@ def test_a_law_that_looks_back_has_no_one_frequency_response() -> None:
     checked = check("practical_predictor", overrides=brief)
     with pytest.raises(ValueError, match=r"^law predictor: a loop has one frequency response only"):
         checked.loop_response(np.array([1.0]))
+    nyquist = np.logspace(0.0, np.log10(50.0 * np.pi))  # its end is rounded up
+    assert check("practical_pd", overrides={"rate_hz": 50.0}).loop_response(nyquist).all()
     for omega_rad_s, delay_s in ((0.0, 0.0), (400.0, 0.0), (1.0, -0.1), (np.nan, 0.0)):
         with pytest.raises(ValueError, match="omega_rad_s: above 0, up to 314"):
             check("practical_pd").loop_response(np.array([omega_rad_s]), delay_s)
