@@ -33,7 +33,7 @@ def motion_report(
                           None without a corridor, and before it
     ``limited_share``     share of the time in which a limit, and not the command, decided about the
                           wheel, and ``limited_share_by`` limit
-    ``stands``            whether the car stood still at the end
+    ``stands``            whether the car stood still at the end; of a log: or went backward
     """
     held, peaks_m = figures.held, figures.peaks_m
     samples, outside = held.samples, figures.outside

@@ -59,7 +59,7 @@ def verdict_text(node: Report) -> str:
     if used_up := grip_text(node.get("grip_used")):
         parts.append(used_up)
     if node.get("stands"):  # a bus that is still watched does not tell
-        parts.append("the car stood still at the end")
+        parts.append("the car did not go forward at the end")
     if node["limited_share_by"]:
         limited = ", ".join(
             f"{name.replace('_', ' ')} {_percent(s)}"
