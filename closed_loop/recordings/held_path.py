@@ -135,6 +135,7 @@ class HeldPath:
     def report(self, period_s: float, *, left_range: bool, is_driven: bool) -> Mapping[str, Any]:
         """Return the figures as a plant reports them.
 
+        ``period_s``    between two measurements
         ``left_range``  whether an error was beyond the range of its signal
         ``is_driven``   whether the plant applied a command, as far as the log tells
         """

@@ -104,6 +104,7 @@ class SafetyReport:
 
     ``facts``       as found last
     ``validity``    whether speed and delay are within the ranges, as judged last
+    ``went_stale``  how often each message has become stale
     """
 
     def __init__(

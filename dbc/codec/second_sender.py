@@ -69,6 +69,7 @@ def sender_step(
 ) -> tuple[SenderState, bool]:
     """Return the state after a frame, and whether it shows a second sender.
 
+    ``counters``           number of values of the counter
     ``is_second_content``  whether its counter has come with another content in the last half turn
     """
     if counters == 0:

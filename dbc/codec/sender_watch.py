@@ -17,6 +17,8 @@ def second_sender_line(messages: Sequence[str]) -> str:
 class SenderWatch:
     """Remembers the contents of the last half turn of counters.
 
+    ``counters``  number of values of the counter
+
     ``contents``  by counter; None for one that has not come in the last half turn
     ``shows``     whether the last frame shows a second sender
     """

@@ -97,7 +97,7 @@ def point_behind(
 def deviation_from(
     behind: Behind, heading_error_rad: float, lateral_error_m: float, preview_m: float
 ) -> float:
-    """Return the deviation for a preview point that has ``behind`` it this point of the path."""
+    """Return the deviation; ``behind`` is the point of the path behind the preview point."""
     end_x_m, end_y_m, cos_end, sin_end, curvature_1_m = behind
     x_m = -preview_m * cos(heading_error_rad) - end_x_m
     y_m = lateral_error_m - preview_m * sin(heading_error_rad) - end_y_m

@@ -47,6 +47,7 @@ Program = Callable[[float], float]
 class Drive(NamedTuple):
     """A drive, sampled every millisecond; arrays of one length.
 
+    ``time_s``       since the program began
     ``wheel_rad``    as the steering's sensor reads it
     ``aside_m``      of the centre of gravity, from its straight path to the left
     """

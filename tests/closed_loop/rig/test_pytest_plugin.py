@@ -42,6 +42,7 @@ def test_it_is_perfect(rig):
     result.stdout.fnmatch_lines(
         ["*RMS deviation of the car * m is above 0 m", "seed     9", "log *"]
     )
+    result.stdout.no_fnmatch_line("*outcome_and_assertions.py*")
     (picture,) = [line for line in result.outlines if line.startswith("picture ")]
     assert Path(picture.split()[1]).is_file()
 

@@ -69,6 +69,8 @@ def test_what_is_read_from_a_log_that_was_cut_off_fails_and_says_so(tmp_path: Pa
     with pytest.raises(AssertionError, match="the recording was cut off: has not read for too"):
         cut.assert_holds()
     with pytest.raises(AssertionError, match="the recording was cut off: has not read for too"):
+        cut.assert_round_trip(p99_ms=1000.0)
+    with pytest.raises(AssertionError, match="the recording was cut off: has not read for too"):
         cut.assert_detects("a fault", within_ms=100.0)
 
 
