@@ -52,7 +52,9 @@ class Check(NamedTuple):
         ``delay_s``      constant delay from command to measurement
 
         -1 is the critical point, so ``control.frd(checked.loop_response(omega), omega)`` of
-        python-control draws it. Raises ValueError beyond these, and for a law that looks back.
+        python-control draws it.
+
+        Raises ValueError for an ω or a delay out of range, and for a law that looks back.
         """
         return loop_response(self.settings, np.asarray(omega_rad_s, dtype=np.float64), delay_s)
 

@@ -58,7 +58,7 @@ def behind_lag(model: TransferFunction, lag_s: float) -> TransferFunction:
 
 
 _OMEGA_RAD_S_MIN = 0.02
-"""Angles of a grid are evenly spread below this, and by a constant factor above it."""
+"""The ω of a grid are evenly spread below this, and by a constant factor above it."""
 
 
 class CircleGrid(NamedTuple):

@@ -50,7 +50,7 @@ class Comparison(NamedTuple):
 
 
 def verdict_of(comparisons: Sequence[Comparison]) -> Verdict:
-    """Return the verdict that follows from the comparisons that decide; all need a correction."""
+    """Return the verdict of a corrected result that follows from the comparisons that decide."""
     claims = [one for one in comparisons if one.decides == CLAIM]
     readings = {one.reading for one in claims}
     holding = [
