@@ -223,3 +223,5 @@ def test_motion_of_wrong_sign_or_unit_is_refused_in_words() -> None:
     with pytest.raises(SettingsError, match=r"is some 0\.\d+ times speed times yaw rate"):
         identify(make_drive([wheel, speed, rate, in_g], "drawn"), drawn().known)
     assert make_drive([wheel, speed, rate, still], "drawn").notes[-1].endswith("left out")
+    empty = side._replace(time_s=side.time_s[:0], values=side.values[:0])
+    assert not make_drive([wheel, speed, rate, empty], "drawn").notes
