@@ -1,4 +1,4 @@
-"""Law from its settings: the law's own design, and the additions around it."""
+"""Design of a law from its settings: its own, and the additions around it."""
 
 from collections.abc import Callable
 from functools import partial

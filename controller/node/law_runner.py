@@ -1,4 +1,4 @@
-"""Law as it runs: its parameters and state, and its commands, which are faded in.
+"""Runner of the law: keeps its parameters and state, and fades its commands in.
 
 On recovery the law starts again, at rest at the present measurement. Its first command differs from
 the held one. The difference is added to its commands and fades out at the ramp rate, so that the

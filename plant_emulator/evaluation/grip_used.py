@@ -1,4 +1,4 @@
-"""Grip that a car had used up before it left its lane: the one rule of every verdict.
+"""Use of the grip before a car leaves its lane: one rule for every verdict.
 
 The grip of an axle is used up at a sample where its tyres give USED_UP of μ F_z or more
 (``vehicle.car.axle_use``). Samples count until a corner of the body is first beyond an edge of the
