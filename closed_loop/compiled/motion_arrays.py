@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...plant_emulator.path.cg_deviation import deviation_from, point_behind
+from ...plant_emulator.path.cg_deviation import deviation_behind_m
 from ...plant_emulator.path.path import Path, Pose
 from ...plant_emulator.path.path_from_settings import build_path
 from ...plant_emulator.path.settings import PathSettings
@@ -29,13 +29,10 @@ from ...runtime.settings.plugin import Part
 from .compilation import compiled
 from .step_functions import register
 
-register(deviation_from, point_behind)
+register(deviation_behind_m)
 
 _MOTIONS_KEPT = 32
 """Motions cached for the next run with the same plant: about 2 MB each."""
-_ROUTES_KEPT = 8
-"""Runs whose points of the path behind the vehicle are cached, for the next one on the same path at
-the same speed: 48 bytes a sample."""
 
 
 def compiled_motion(plant: PlantSettings) -> AnyMotionParams:
@@ -91,51 +88,28 @@ def cg_deviations_m(
     preview_m: float,
 ) -> FloatArray:
     """Return ``path.cg_deviation.cg_deviation_m`` of every sample, shape (samples,)."""
-    behind = _points_behind(_Same(path), arc_length_m.tobytes(), preview_m)
+    places = (*_located(path, arc_length_m), *_located(path, arc_length_m - preview_m))
     deviations_m = np.empty(len(arc_length_m))
-    _fill(behind, heading_error_rad, lateral_error_m, preview_m, deviations_m)
+    _fill(path, *places, heading_error_rad, lateral_error_m, preview_m, deviations_m)
     return deviations_m
-
-
-class _Same:
-    """A path that is equal to itself alone, because arrays have no hash."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __hash__(self) -> int:
-        return id(self.path)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.path is other.path
-
-
-@lru_cache(maxsize=_ROUTES_KEPT)
-def _points_behind(same: _Same, arc_lengths: bytes, preview_m: float) -> FloatArray:
-    """Return ``Behind`` of every sample, shape (samples, 5); ``arc_lengths``: an array's."""
-    arc_length_m = np.frombuffer(arc_lengths)
-    places = (*_located(same.path, arc_length_m), *_located(same.path, arc_length_m - preview_m))
-    behind = np.empty((len(arc_length_m), 5))
-    _find(same.path, places, preview_m, behind)
-    return behind
-
-
-@compiled
-def _find(path: Any, places: Any, preview_m: float, behind: Any) -> None:
-    pieces, along_m, end_pieces, end_along_m = places
-    for sample in range(len(behind)):
-        place = pieces[sample], along_m[sample], end_pieces[sample], end_along_m[sample]
-        row = behind[sample]
-        row[0], row[1], row[2], row[3], row[4] = point_behind(path, *place, preview_m)
 
 
 @compiled
 def _fill(
-    behind: Any, heading_error_rad: Any, lateral_error_m: Any, preview_m: float, deviations_m: Any
-) -> None:
+    path: Any, pieces: Any, along_m: Any, end_pieces: Any, end_along_m: Any,
+    heading_error_rad: Any, lateral_error_m: Any, preview_m: float, deviations_m: Any,
+) -> None:  # fmt: skip
     for sample in range(len(deviations_m)):
-        at = heading_error_rad[sample], lateral_error_m[sample], preview_m
-        deviations_m[sample] = deviation_from(behind[sample], *at)
+        deviations_m[sample] = deviation_behind_m(
+            path,
+            pieces[sample],
+            along_m[sample],
+            end_pieces[sample],
+            end_along_m[sample],
+            heading_error_rad[sample],
+            lateral_error_m[sample],
+            preview_m,
+        )
 
 
 def _located(path: Path, arc_length_m: FloatArray) -> tuple[IntArray, FloatArray]:

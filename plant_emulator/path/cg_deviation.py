@@ -22,10 +22,6 @@ _NODE = 0.21132486540518712
 
 Placed = tuple[float, float, float]
 """x [m], y [m] and heading [rad]: the values of a Pose."""
-Behind = tuple[float, float, float, float, float]
-"""x [m], y [m], cosine and sine of the heading, and curvature [1/m] of a point of the path.
-
-In the frame of the path at the preview point; it does not depend on where the vehicle is."""
 
 
 def cg_deviation_m(
@@ -42,8 +38,9 @@ def cg_deviation_m(
     """
     _, piece, along_m = locate(path, arc_length_m)
     _, end_piece, end_along_m = locate(path, arc_length_m - preview_m)
-    behind = point_behind(path, piece, along_m, end_piece, end_along_m, preview_m)
-    return deviation_from(behind, heading_error_rad, lateral_error_m, preview_m)
+    return deviation_behind_m(
+        path, piece, along_m, end_piece, end_along_m, heading_error_rad, lateral_error_m, preview_m
+    )
 
 
 def along_short(start: Placed, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Placed:
@@ -67,12 +64,19 @@ def along_short(start: Placed, curvature_1_m: float, slope_1_m2: float, length_m
     return x_m, y_m, heading_rad + turn_rad
 
 
-def point_behind(
-    path: Path, piece: int, along_m: float, end_piece: int, end_along_m: float, preview_m: float
-) -> Behind:
-    """Return the point of the path ``preview_m`` before one at ``along_m`` of a piece.
+def deviation_behind_m(
+    path: Path,
+    piece: int,
+    along_m: float,
+    end_piece: int,
+    end_along_m: float,
+    heading_error_rad: float,
+    lateral_error_m: float,
+    preview_m: float,
+) -> float:
+    """Return the deviation for a preview point at ``along_m`` of a piece of the path.
 
-    ``end_piece``, ``end_along_m``  where that is; negative before an open path
+    ``end_piece``, ``end_along_m``  of the point ``preview_m`` before; negative before an open path
     """
     curvatures_1_m, slopes_1_m2, poses = path.curvature_1_m, path.curvature_slope_1_m2, path.pose
     slope_1_m2 = slopes_1_m2[piece]
@@ -91,16 +95,9 @@ def point_behind(
     else:
         curvature_1_m -= slope_1_m2 * part_m
     end_x_m, end_y_m, end_rad = end
-    return end_x_m, end_y_m, cos(end_rad), sin(end_rad), curvature_1_m
-
-
-def deviation_from(
-    behind: Behind, heading_error_rad: float, lateral_error_m: float, preview_m: float
-) -> float:
-    """Return the deviation; ``behind`` is the point of the path behind the preview point."""
-    end_x_m, end_y_m, cos_end, sin_end, curvature_1_m = behind
     x_m = -preview_m * cos(heading_error_rad) - end_x_m
     y_m = lateral_error_m - preview_m * sin(heading_error_rad) - end_y_m
+    cos_end, sin_end = cos(end_rad), sin(end_rad)
     ahead_m = x_m * cos_end + y_m * sin_end
     aside_m = y_m * cos_end - x_m * sin_end
     # Far off the path the expansion does not hold; the bounds keep it finite.
