@@ -111,9 +111,8 @@ def loop_response(
     has none: of a law that is not linear or looks back, of two rates, or without [nominal_model].
     """
     nyquist_rad_s = math.pi * NS_PER_S / settings.period_ns
-    is_below = omega_rad_s <= nyquist_rad_s * (
-        1.0 + 1e-9
-    )  # the end of a logarithmic grid is rounded
+    # The end of a logarithmic grid is rounded.
+    is_below = omega_rad_s <= nyquist_rad_s * (1.0 + 1e-9)
     if not (np.all((omega_rad_s > 0.0) & is_below) and delay_s >= 0.0):
         raise ValueError(f"omega_rad_s: above 0, up to {nyquist_rad_s:.5g}; delay_s: from 0 on")
     loop = None if settings.model is None else loop_around(settings, settings.model)
